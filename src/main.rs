@@ -1,0 +1,3 @@
+//! The `meshway` program.
+
+fn main() {}

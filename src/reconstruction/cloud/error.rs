@@ -1,0 +1,106 @@
+//! What can be wrong with an uploaded cloud, each with a stable code.
+
+use thiserror::Error;
+
+/// Why a cloud is refused.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// No points at all.
+    #[error("the cloud has no points")]
+    Empty,
+    /// Fewer points than a surface needs.
+    #[error("the cloud has {found} surface points; at least {needed} are needed")]
+    TooFewPoints {
+        /// Surface points that are there.
+        found: usize,
+        /// Fewest that are accepted.
+        needed: usize,
+    },
+    /// More points than the limit.
+    #[error("the cloud has more than {limit} points; thin it out")]
+    TooManyPoints {
+        /// Most that are accepted.
+        limit: usize,
+    },
+    /// The points span no volume.
+    #[error("the points {0}, so there is no surface around them")]
+    Degenerate(&'static str),
+    /// Too many coordinates are NaN or infinite.
+    #[error("{dropped} of {total} points have coordinates that are not finite; at most 1 % may")]
+    NotFinite {
+        /// Points that are not finite.
+        dropped: usize,
+        /// Points in all.
+        total: usize,
+    },
+    /// Coordinates so large that distances between them are lost or overflow.
+    #[error(
+        "coordinate {value:e} is beyond ±{limit:e}; give the points in a unit in which they are smaller"
+    )]
+    TooLarge {
+        /// The coordinate of the largest magnitude.
+        value: f64,
+        /// Largest accepted magnitude.
+        limit: f64,
+    },
+    /// The file ends before what its header declares.
+    #[error("{what} is cut short: {declared} declared, {found} found")]
+    Truncated {
+        /// What is missing, with line or byte.
+        what: String,
+        /// Declared number.
+        declared: u64,
+        /// Number that is there.
+        found: u64,
+    },
+    /// The header cannot be understood.
+    #[error("line {line}: {detail}")]
+    Header {
+        /// Line of the header, from 1; 0 where the header is binary.
+        line: usize,
+        /// What is wrong and what is expected.
+        detail: String,
+    },
+    /// A row cannot be understood.
+    #[error("line {line}: {detail}")]
+    Row {
+        /// Line of the file, from 1; for binary data the number of the record.
+        line: usize,
+        /// What is wrong and what is expected.
+        detail: String,
+    },
+    /// There are no x, y, z.
+    #[error("{0}")]
+    NoCoordinates(String),
+    /// Normals are given but cannot be used.
+    #[error("{0}")]
+    NormalsInvalid(String),
+    /// Not one of the formats.
+    #[error("{0}")]
+    UnsupportedFormat(String),
+    /// The compressed stream is damaged or expands beyond its limit.
+    #[error("gzip: {0}")]
+    Compression(String),
+}
+
+impl Error {
+    /// Stable `snake_case` name, the same in reports, logs and over HTTP.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Empty => "cloud_empty",
+            Self::TooFewPoints { .. } => "cloud_too_few_points",
+            Self::TooManyPoints { .. } => "too_many_points",
+            Self::Degenerate(_) => "cloud_degenerate",
+            Self::NotFinite { .. } => "cloud_not_finite",
+            Self::TooLarge { .. } => "cloud_too_large",
+            Self::Truncated { .. } => "cloud_truncated",
+            Self::Header { .. } => "cloud_header",
+            Self::Row { .. } => "cloud_row",
+            Self::NoCoordinates(_) => "cloud_no_coordinates",
+            Self::NormalsInvalid(_) => "normals_invalid",
+            Self::UnsupportedFormat(_) => "unsupported_format",
+            Self::Compression(_) => "unsupported_encoding",
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! What can go wrong in a reconstruction, each with a stable code.
+
+use thiserror::Error;
+
+use super::{cloud, settings};
+
+/// Why no mesh came out.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The input cannot be read or used.
+    #[error(transparent)]
+    Cloud(#[from] cloud::Error),
+    /// The settings are out of bounds or contradict each other or the cloud.
+    #[error(transparent)]
+    Settings(#[from] settings::Error),
+    /// The loss or the parameters stopped being finite.
+    #[error(
+        "training diverged at evaluation {evaluation}: the loss is {loss}; try a smaller \
+         training.learning_rate, normalised coordinates or another scheme"
+    )]
+    TrainingDiverged {
+        /// Function evaluation at which it happened.
+        evaluation: u64,
+        /// The loss that was seen.
+        loss: f64,
+    },
+    /// The trained field has no zero inside the grid, or nothing of it is supported by the points.
+    #[error("the trained field has no surface: {0}")]
+    NoSurface(String),
+    /// The mesh would be larger than its limit.
+    #[error("the mesh would have more than {limit} triangles; lower surface.resolution")]
+    MeshTooLarge {
+        /// Most triangles that are allowed.
+        limit: usize,
+    },
+    /// The observer asked to stop.
+    #[error("cancelled")]
+    Cancelled,
+    /// The tensor library refused an operation; a defect of ours or of the installation.
+    #[error("libtorch: {0}")]
+    Libtorch(#[from] tch::TchError),
+}
+
+impl Error {
+    /// Stable `snake_case` name, the same in reports, logs and over HTTP.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Cloud(error) => error.code(),
+            Self::Settings(error) => error.code(),
+            Self::TrainingDiverged { .. } => "training_diverged",
+            Self::NoSurface(_) => "no_surface",
+            Self::MeshTooLarge { .. } => "mesh_too_large",
+            Self::Cancelled => "cancelled",
+            Self::Libtorch(_) => "internal",
+        }
+    }
+}

@@ -1,0 +1,30 @@
+//! The mathematics: a point cloud in, a watertight mesh out.
+//!
+//! The modules stand in the order in which the data flows. References used below:
+//!
+//! - \[N24\] Noorizadegan, Hon, Young, Chen: Highway Networks for Improved Surface Reconstruction:
+//!   The Role of Residuals and Weight Updates, arXiv:2407.08134.
+//! - \[NW06\] Nocedal, Wright: Numerical Optimization, 2nd edition, Springer 2006.
+//! - \[LC87\] Lorensen, Cline: Marching Cubes, SIGGRAPH 1987.
+//! - \[B18\] Barill, Dickson, Schmidt, Levin, Jacobson: Fast Winding Numbers for Soups and Clouds,
+//!   SIGGRAPH 2018.
+//! - \[H92\] Hoppe, DeRose, Duchamp, McDonald, Stuetzle: Surface Reconstruction from Unorganized
+//!   Points, SIGGRAPH 1992.
+//! - \[GB10\] Glorot, Bengio: Understanding the Difficulty of Training Deep Feedforward Neural
+//!   Networks, AISTATS 2010.
+
+pub mod cloud;
+pub mod mesh;
+pub mod sampling;
+pub mod settings;
+pub mod surface;
+pub mod training;
+
+mod error;
+mod observer;
+pub mod random;
+pub mod vector;
+
+pub use error::Error;
+pub use observer::{Event, Observer, Phase, Warning};
+pub use settings::{Preset, Settings};

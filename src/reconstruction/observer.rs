@@ -1,0 +1,78 @@
+//! The window of a run: what it tells while it works, and what it asks of the world outside.
+//!
+//! The library never looks at a clock and never logs. Who calls it gives it an [`Observer`]: a
+//! progress bar, rows of a database, or nothing at all.
+
+use serde::Serialize;
+
+use super::mesh::TriangleMesh;
+use super::training::{GradientHistogram, Metrics};
+
+/// The stages of a run, in their order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Phase {
+    /// Normals, off-surface samples, hold-out.
+    Sampling,
+    /// Fitting the network.
+    Training,
+    /// Extracting the zero level set.
+    Surface,
+    /// Measuring the mesh.
+    Report,
+}
+
+/// Something a user should know although the run goes on.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Warning {
+    /// Stable `snake_case` name.
+    pub code: &'static str,
+    /// One sentence.
+    pub message: String,
+}
+
+impl Warning {
+    /// A warning of the given code.
+    pub fn new(code: &'static str, message: impl Into<String>) -> Self {
+        Self {
+            code,
+            message: message.into(),
+        }
+    }
+}
+
+/// What a run tells while it works.
+#[derive(Debug)]
+pub enum Event<'a> {
+    /// A stage begins.
+    Phase(Phase),
+    /// Share of the present stage that is done, 0 to 1.
+    Progress(f64),
+    /// One accepted iteration of the optimiser.
+    Metrics(&'a Metrics),
+    /// Distribution of the gradient at a chosen evaluation.
+    Gradients(&'a GradientHistogram),
+    /// Surface of the network at a chosen evaluation, in the coordinates of the input.
+    Snapshot {
+        /// Function evaluations so far.
+        evaluation: u64,
+        /// The mesh.
+        mesh: &'a TriangleMesh,
+    },
+    /// A warning.
+    Warning(&'a Warning),
+}
+
+/// Listens to a run, can stop it, and lends it a clock.
+pub trait Observer {
+    /// Takes note of an event.
+    fn event(&self, event: Event<'_>);
+
+    /// Whether the run shall end now; asked at each loss evaluation and each slab of the grid.
+    fn cancelled(&self) -> bool {
+        false
+    }
+
+    /// Seconds on a monotonic clock, from any fixed start.
+    fn seconds(&self) -> f64;
+}

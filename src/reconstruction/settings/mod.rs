@@ -1,0 +1,226 @@
+//! Every parameter of a reconstruction: its meaning, its default, its bounds.
+//!
+//! A parameter is a field here, a value in each of the [`presets`], a row of [`BOUNDS`] if it is a
+//! number, and one use. What a user gives is a JSON object that holds only what differs from the
+//! preset; [`Settings::resolve`] lays it over the preset and reports every violation at once, each
+//! with a JSON pointer. There is no second, all-optional copy of the structs to keep in step.
+
+mod presets;
+mod resolve;
+
+use serde::{Deserialize, Serialize};
+
+pub use presets::Preset;
+pub use resolve::{BOUNDS, Bound, Error, Violation, assignments};
+
+/// All parameters of a run, complete: what is stored beside a result to make it again.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// The network f: R³ → R.
+    pub network: Network,
+    /// How the network is fitted.
+    pub training: Training,
+    /// From points to training samples.
+    pub sampling: Sampling,
+    /// From the network to a mesh.
+    pub surface: Surface,
+}
+
+/// Residual scheme of the hidden layers; z = W a + b, `∘` element-wise ([N24] section 2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Scheme {
+    /// tanh z.
+    Plain,
+    /// tanh z + a, from the second hidden layer.
+    Resnet,
+    /// T∘tanh z + (1-T)∘a with a trained gate T, from the second hidden layer.
+    Highway,
+    /// tanh z + z, on every `residual_every`-th hidden layer.
+    Hw,
+    /// tanh z + z∘z, on every `residual_every`-th hidden layer.
+    Sqrhw,
+}
+
+/// Floating-point type of parameters and samples in training.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Precision {
+    /// 32 bits.
+    F32,
+    /// 64 bits: about twice the time.
+    F64,
+}
+
+/// The network.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Network {
+    /// Residual scheme of the hidden layers.
+    pub scheme: Scheme,
+    /// Neurons of each hidden layer.
+    pub width: usize,
+    /// Number of hidden layers.
+    pub hidden_layers: usize,
+    /// `hw` and `sqrhw` put the residual on hidden layers 1, 1 + n, 1 + 2n, …; 1 puts it on all.
+    pub residual_every: usize,
+    /// Floating-point type of parameters and samples.
+    pub precision: Precision,
+}
+
+/// What evaluates loss and gradient.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Engine {
+    /// The fastest that supports the settings.
+    Auto,
+    /// libtorch's automatic differentiation: the reference.
+    Libtorch,
+}
+
+/// Which optimiser fits the network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Optimizer {
+    /// L-BFGS with a strong Wolfe line search.
+    Lbfgs,
+    /// Adam.
+    Adam,
+    /// Adam for `adam_evaluations`, then L-BFGS.
+    AdamLbfgs,
+}
+
+/// How the network is fitted.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Training {
+    /// Seed of all randomness of the run.
+    pub seed: u64,
+    /// What evaluates loss and gradient.
+    pub engine: Engine,
+    /// Which optimiser fits the network.
+    pub optimizer: Optimizer,
+    /// First trial step of each L-BFGS line search.
+    pub learning_rate: f64,
+    /// L-BFGS pairs that are kept.
+    pub history: usize,
+    /// Stop when no component of the gradient is larger.
+    pub tolerance_gradient: f64,
+    /// Stop when neither the loss nor any parameter changes by more.
+    pub tolerance_change: f64,
+    /// Most accepted iterations of L-BFGS.
+    pub max_iterations: u64,
+    /// Most evaluations of loss and gradient, over both optimisers.
+    pub max_evaluations: u64,
+    /// Evaluations of Adam before L-BFGS (`adam_lbfgs`).
+    pub adam_evaluations: u64,
+    /// Step size of Adam.
+    pub adam_learning_rate: f64,
+    /// Stop when the validation loss has not improved for so many evaluations, and keep the best
+    /// parameters; 0: never, and keep the last.
+    pub patience: u64,
+    /// Stop training after so many seconds; 0: no limit. A run that is stopped by time is not
+    /// reproducible.
+    pub time_limit_seconds: f64,
+    /// Evaluations at which a histogram of the gradient is taken, per layer.
+    pub histogram_evaluations: Vec<u64>,
+    /// Evaluations at which a mesh is extracted.
+    pub snapshot_evaluations: Vec<u64>,
+}
+
+/// Coordinates in which the network is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Frame {
+    /// Centred, and scaled so that the longest edge of the bounding box is two half extents.
+    Normalized,
+    /// As they are in the file.
+    Given,
+}
+
+/// Targets of the least-squares fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Targets {
+    /// 1 inside, 0 on the surface, -1 outside ([N24]).
+    Binary,
+    /// Signed distance (positive inside) over `band`, clamped to [-1, 1].
+    Graded,
+}
+
+/// Where samples off the surface come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OffSurface {
+    /// From the labels of the cloud and, besides, generated along the normals and in the box.
+    Generated,
+    /// From the labels of the cloud only ([N24]).
+    Labels,
+}
+
+/// From points to training samples.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sampling {
+    /// Coordinates in which the network is trained.
+    pub frame: Frame,
+    /// Half the longest edge of the bounding box in the normalised frame.
+    pub half_extent: f64,
+    /// Targets of the fit.
+    pub targets: Targets,
+    /// Distance at which graded targets reach ±1, as a share of the bounding-box diagonal.
+    pub band: f64,
+    /// Where samples off the surface come from.
+    pub off_surface: OffSurface,
+    /// Surface points that are trained on, at most; the others are held out for validation.
+    pub surface_points: usize,
+    /// Points labelled interior, and as many labelled exterior, that are trained on, at most.
+    pub labelled_points: usize,
+    /// Share of the surface points held out for validation when the cloud is within its budget.
+    pub validation_fraction: f64,
+    /// Pairs of samples generated along the normal of each surface point.
+    pub near_pairs: usize,
+    /// Samples generated in the padded bounding box and on its shell.
+    pub far_points: usize,
+    /// Nearest neighbours for normals and for the local spacing.
+    pub neighbours: usize,
+}
+
+/// How the field is evaluated on the grid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Evaluation {
+    /// Only where the surface can be: costs what the surface costs.
+    Sparse,
+    /// Everywhere: the reference, and the paper's way.
+    Dense,
+}
+
+/// Which connected components of the surface are kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Components {
+    /// Those with input points near them.
+    Supported,
+    /// The one with the largest area.
+    Largest,
+    /// All.
+    All,
+}
+
+/// From the network to a mesh.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Surface {
+    /// How the field is evaluated on the grid.
+    pub evaluation: Evaluation,
+    /// Grid points along the longest edge of the padded box.
+    pub resolution: usize,
+    /// Margin around the bounding box, as a share of its longest edge.
+    pub padding: f64,
+    /// Newton steps that move the vertices onto the zero set.
+    pub projection_steps: usize,
+    /// Which connected components are kept.
+    pub components: Components,
+}

@@ -1,0 +1,64 @@
+//! Fitting the network: L-BFGS, Adam, the loop around them, and what it tells.
+
+use serde::{Deserialize, Serialize};
+
+/// Why training ended. Not converging is a result, not an error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Termination {
+    /// Every component of the gradient is within `tolerance_gradient`.
+    ConvergedGradient,
+    /// Loss or parameters change by no more than `tolerance_change`.
+    ConvergedChange,
+    /// `max_evaluations` were made.
+    MaxEvaluations,
+    /// `max_iterations` were made.
+    MaxIterations,
+    /// `time_limit_seconds` went by.
+    TimeLimit,
+    /// The validation loss has not improved for `patience` evaluations.
+    NoImprovement,
+    /// The observer asked to stop.
+    Cancelled,
+}
+
+/// One accepted iteration of the optimiser.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Metrics {
+    /// Accepted iterations so far.
+    pub iteration: u64,
+    /// Evaluations of loss and gradient so far: what the figures of [N24] call epochs.
+    pub evaluation: u64,
+    /// Mean weighted squared error on the training samples.
+    pub loss: f64,
+    /// The same on the validation samples; none without a hold-out.
+    pub validation_loss: Option<f64>,
+    /// Euclidean norm of the gradient.
+    pub gradient_norm: f64,
+    /// Accepted step length along the search direction.
+    pub step_length: f64,
+    /// Frobenius norm of each layer's weights, input to output; gates after them.
+    pub weight_norms: Vec<f64>,
+}
+
+/// Distribution of the loss gradient over each layer's weights at one evaluation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct GradientHistogram {
+    /// Function evaluation at which it was taken.
+    pub evaluation: u64,
+    /// One histogram a layer.
+    pub layers: Vec<LayerHistogram>,
+}
+
+/// Equal bins between the smallest and the largest component of one layer's gradient.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LayerHistogram {
+    /// Name of the layer, as in the parameter file: `linear.0`, …, `gate.0`, ….
+    pub layer: String,
+    /// Left edge of the first bin.
+    pub min: f64,
+    /// Right edge of the last bin.
+    pub max: f64,
+    /// Number of components in each bin.
+    pub counts: Vec<u64>,
+}
