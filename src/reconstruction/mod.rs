@@ -23,6 +23,7 @@ pub mod training;
 mod error;
 mod observer;
 pub mod random;
+mod symmetric;
 pub mod vector;
 
 pub use error::Error;
