@@ -15,6 +15,7 @@
 
 pub mod cloud;
 pub mod mesh;
+pub mod quality;
 pub mod sampling;
 pub mod settings;
 pub mod surface;
