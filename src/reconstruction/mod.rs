@@ -23,6 +23,8 @@ pub mod training;
 mod error;
 mod observer;
 pub mod random;
+pub mod shapes;
+mod symmetric;
 pub mod vector;
 
 pub use error::Error;

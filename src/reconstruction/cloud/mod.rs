@@ -1,12 +1,14 @@
 //! Point clouds and the formats they are read from.
 
 mod error;
+mod write;
 
 use serde::{Deserialize, Serialize};
 
 use super::vector::{Bounds, Vec3};
 
 pub use error::Error;
+pub use write::{write_ply, write_xyz};
 
 /// Where a point lies, as the user says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
