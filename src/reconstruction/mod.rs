@@ -24,6 +24,7 @@ pub mod training;
 mod error;
 mod observer;
 pub mod random;
+pub mod shapes;
 mod symmetric;
 pub mod vector;
 

@@ -17,6 +17,7 @@ mod read;
 mod stl;
 mod text;
 mod validate;
+mod write;
 mod xyz;
 
 use serde::{Deserialize, Serialize};
@@ -26,6 +27,7 @@ use super::vector::{Bounds, Vec3};
 pub use error::Error;
 pub use format::Format;
 pub use read::{Limits, Source, read};
+pub use write::{write_ply, write_xyz};
 
 /// Where a point lies, as the user says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
