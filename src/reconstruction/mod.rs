@@ -12,14 +12,17 @@
 //!   Points, SIGGRAPH 1992.
 //! - \[GB10\] Glorot, Bengio: Understanding the Difficulty of Training Deep Feedforward Neural
 //!   Networks, AISTATS 2010.
+//! - \[KB15\] Kingma, Ba: Adam: A Method for Stochastic Optimization, ICLR 2015.
 
 pub mod cloud;
 pub mod mesh;
 pub mod quality;
+pub mod network;
 pub mod sampling;
 pub mod settings;
 pub mod surface;
 pub mod training;
+pub mod verify;
 
 mod error;
 mod observer;
