@@ -61,11 +61,14 @@ fn every_format_gives_the_positions_back_to_the_last_bit_of_an_f32() {
 }
 
 #[test]
-fn far_from_the_origin_no_digit_is_lost() {
-    let mesh = moved(sphere(0.1, 2), [1e6, -2e6, 3e5]);
+fn far_from_the_origin_and_in_the_small_no_digit_is_lost() {
+    let far = moved(sphere(0.1, 2), [1e6, -2e6, 3e5]);
+    let tiny = sphere(1e-60, 2);
     for format in READABLE.into_iter().filter(|&f| f != Format::Stl) {
-        let again = read(&written(&mesh, format), None).unwrap();
-        assert_eq!(again.vertices, mesh.vertices, "{format:?}");
+        for mesh in [&far, &tiny] {
+            let again = read(&written(mesh, format), None).unwrap();
+            assert_eq!(again.vertices, mesh.vertices, "{format:?}");
+        }
     }
 }
 
