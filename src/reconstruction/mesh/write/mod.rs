@@ -120,8 +120,9 @@ fn fits_f32(mesh: &TriangleMesh) -> bool {
         .into_iter()
         .flatten()
         .fold(0.0, |largest: f64, v| largest.max(v.abs()));
-    // Rounding to 24 bits moves a number by at most 2⁻²⁴ of itself.
-    largest * 2f64.powi(-24) <= 1e-6 * bounds.diagonal()
+    // Rounding to 24 bits moves a number by at most 2⁻²⁴ of itself, and a tiny one by 2⁻¹⁵⁰.
+    let rounding = (largest * 2f64.powi(-24)).max(2f64.powi(-150));
+    rounding <= 1e-6 * bounds.diagonal()
 }
 
 /// Whether every vertex has a normal.
