@@ -125,7 +125,10 @@ fn projection_never_turns_a_triangle_over() {
     });
     let before = extract(&field, &request(40, 0)).unwrap().mesh;
     let after = extract(&field, &request(40, 3)).unwrap();
-    assert!(after.unprojected_vertices > 0, "the guard has nothing to do");
+    assert!(
+        after.unprojected_vertices > 0,
+        "the guard has nothing to do"
+    );
     let after = after.mesh;
     assert_eq!(before.triangles, after.triangles);
     let areas = closed::areas(&before)
