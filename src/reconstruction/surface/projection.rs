@@ -44,7 +44,7 @@ pub(super) fn project(
         |call: usize, done: f64| PROGRESS + (1.0 - PROGRESS) * (call as f64 + done) / calls as f64;
     let evaluate = |positions: Vec<Vec3>, call: usize| {
         evaluate(field, request, positions, &|done| {
-            (request.progress)(share(call, done))
+            (request.progress)(share(call, done));
         })
     };
     let start = evaluate(contour.vertices.clone(), 0)?;

@@ -125,14 +125,15 @@ fn refine(samples: &Samples, lattice: &Lattice, blocks: &[Block], stride: usize)
 /// It is taken over the block, for a thin part in the middle of one cell leaves no difference
 /// between the corners of that cell, only between those of its neighbour.
 fn change_along_edges(values: &[[[f64; 3]; 3]; 3]) -> f64 {
+    let at = |i: usize, j: usize, k: usize| values[k][j][i];
     let mut largest = [0.0_f64; 3];
     for k in 0..3 {
         for j in 0..3 {
             for i in 0..2 {
                 let along = [
-                    values[k][j][i + 1] - values[k][j][i],
-                    values[k][i + 1][j] - values[k][i][j],
-                    values[i + 1][k][j] - values[i][k][j],
+                    at(i + 1, j, k) - at(i, j, k),
+                    at(j, i + 1, k) - at(j, i, k),
+                    at(j, k, i + 1) - at(j, k, i),
                 ];
                 for (largest, change) in largest.iter_mut().zip(along) {
                     *largest = largest.max(change.abs());
@@ -172,20 +173,20 @@ fn follow(samples: &mut Samples, mut fresh: Bits, source: &mut Source<'_>) -> Re
 fn mark_crossings(samples: &Samples, lattice: &Lattice, index: usize, wanted: &mut Bits) {
     let inside = samples.get(index).is_some_and(|value| value > 0.0);
     let at = lattice.coordinates(index);
-    for axis in 0..3 {
+    for (axis, place) in at.into_iter().enumerate() {
         let stride = lattice.strides[axis];
         for up in [false, true] {
-            if at[axis] == if up { lattice.size[axis] - 1 } else { 0 } {
+            if place == if up { lattice.size[axis] - 1 } else { 0 } {
                 continue;
             }
-            let (other, place, lower) = if up {
-                (index + stride, at[axis] + 1, index)
+            let (other, other_place, lower) = if up {
+                (index + stride, place + 1, index)
             } else {
-                (index - stride, at[axis] - 1, index - stride)
+                (index - stride, place - 1, index - stride)
             };
             let crossed = match samples.get(other) {
                 Some(value) => (value > 0.0) != inside,
-                None => inside && lattice.is_frame(axis, place),
+                None => inside && lattice.is_frame(axis, other_place),
             };
             if crossed {
                 mark_edge(lattice, lower, axis, wanted);

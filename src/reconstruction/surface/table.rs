@@ -71,7 +71,7 @@ fn segments(case: u8) -> [Option<usize>; 12] {
                 if inside(first) || !inside(first + 1) {
                     continue;
                 }
-                let last = (first + 1..)
+                let last = (first + 2..=first + 4)
                     .find(|i| !inside(*i))
                     .expect("`first` is outside");
                 let entry = edge_between(corner(first), corner((first + 1) % 4));
