@@ -1,7 +1,7 @@
 //! Point clouds and the formats they are read from.
 //!
-//! A file goes through [`read`]: unpacked, its format recognised, its rows poured by one of the
-//! readers into a [`collector`], which holds the limits. Readers see bytes, not files.
+//! A file goes through [`read()`]: unpacked, its format recognised, its rows poured by one of the
+//! readers into a `collector`, which holds the limits. Readers see bytes, not files.
 
 mod binary;
 mod collector;
@@ -42,7 +42,7 @@ pub enum Label {
 }
 
 impl Label {
-    /// Target of the field there: 0 on the surface, 1 inside, -1 outside ([N24] section 1).
+    /// Target of the field there: 0 on the surface, 1 inside, -1 outside (\[N24\] section 1).
     pub fn target(self) -> f64 {
         match self {
             Self::Surface => 0.0,
