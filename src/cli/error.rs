@@ -36,7 +36,10 @@ pub enum Failure {
 impl Failure {
     /// An input file that cannot be used.
     pub fn input(path: &Path, detail: impl ToString) -> Self {
-        Self::Input { place: path.display().to_string(), detail: detail.to_string() }
+        Self::Input {
+            place: path.display().to_string(),
+            detail: detail.to_string(),
+        }
     }
 
     /// An output that cannot be written.
@@ -69,7 +72,10 @@ impl Failure {
     }
 
     /// Writes the sentence to standard error; settings get one line a violation.
-    #[expect(clippy::print_stderr, reason = "the command line speaks to its user here")]
+    #[expect(
+        clippy::print_stderr,
+        reason = "the command line speaks to its user here"
+    )]
     pub fn print(&self) {
         match self {
             Self::Settings(error) if error.violations().len() > 1 => {

@@ -36,12 +36,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let sink = Sink::new(&arguments.output)?;
     let mesh = read_mesh(&arguments.mesh)?;
     if mesh.triangles.is_empty() {
-        return Err(Failure::input(&arguments.mesh, "has no faces, so it is no mesh"));
+        return Err(Failure::input(
+            &arguments.mesh,
+            "has no faces, so it is no mesh",
+        ));
     }
     let mut result = Map::new();
     result.insert("mesh".to_owned(), json::<MeshReport>(&describe(&mesh))?);
     if let Some(reference) = &arguments.reference {
-        result.insert("comparison".to_owned(), compare(&mesh, reference, arguments)?);
+        result.insert(
+            "comparison".to_owned(),
+            compare(&mesh, reference, arguments)?,
+        );
     }
     sink.write(|out| {
         serde_json::to_writer_pretty(&mut *out, &result)?;
@@ -80,7 +86,10 @@ fn compare(mesh: &TriangleMesh, reference: &str, arguments: &Arguments) -> Resul
 
 fn shape_mesh(shape: &Shape) -> Result<TriangleMesh, Failure> {
     let bounds = shape.bounds();
-    let request = Request::new(bounds.padded(0.05 * bounds.longest_edge()), SHAPE_RESOLUTION);
+    let request = Request::new(
+        bounds.padded(0.05 * bounds.longest_edge()),
+        SHAPE_RESOLUTION,
+    );
     let extraction = extract(shape, &request)
         .map_err(|error| Failure::Usage(format!("the shape has no mesh: {error}")))?;
     Ok(extraction.mesh)

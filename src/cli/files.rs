@@ -18,7 +18,9 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
 /// Reads a point cloud, with what the report records of its file.
 pub(super) fn read_cloud(path: &Path) -> Result<(PointCloud, cloud::Source, Input), Failure> {
     let bytes = read(path)?;
-    let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
+    let name = path
+        .file_name()
+        .map(|name| name.to_string_lossy().into_owned());
     let (cloud, source) = cloud::read(&bytes, name.as_deref(), &cloud::Limits::default())
         .map_err(|error| Failure::cloud(path, &error))?;
     let input = Input {
@@ -55,7 +57,10 @@ impl Sink {
         if folder.is_dir() {
             Ok(Self::File(path.to_owned()))
         } else {
-            Err(Failure::Usage(format!("{}: there is no such folder", folder.display())))
+            Err(Failure::Usage(format!(
+                "{}: there is no such folder",
+                folder.display()
+            )))
         }
     }
 

@@ -108,7 +108,10 @@ impl Progress {
         };
         let elapsed = self.seconds() - self.phase_start.get();
         let remaining = if fraction > 0.01 && elapsed > 0.5 {
-            format!(", about {:.0} s left", elapsed * (1.0 - fraction) / fraction)
+            format!(
+                ", about {:.0} s left",
+                elapsed * (1.0 - fraction) / fraction
+            )
         } else {
             String::new()
         };
@@ -118,7 +121,10 @@ impl Progress {
         } else if self.seconds() - self.last_line.get() >= LINE_INTERVAL_SECONDS {
             self.last_line.set(self.seconds());
             let phase = name(self.phase.get());
-            self.say(&format!("{phase} {:.0} % {message}{remaining}", 100.0 * fraction));
+            self.say(&format!(
+                "{phase} {:.0} % {message}{remaining}",
+                100.0 * fraction
+            ));
         }
     }
 }

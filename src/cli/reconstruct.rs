@@ -13,7 +13,9 @@ use crate::reconstruction::cloud::{Label, PointCloud};
 use crate::reconstruction::mesh::write::{Format, write};
 use crate::reconstruction::settings::assignments;
 use crate::reconstruction::training::Metrics;
-use crate::reconstruction::{Event, Input, Observer, Preset, Reconstruction, Settings, reconstruct, set_threads};
+use crate::reconstruction::{
+    Event, Input, Observer, Preset, Reconstruction, Settings, reconstruct, set_threads,
+};
 
 /// Arguments of `meshway reconstruct`.
 #[derive(Debug, Args)]
@@ -180,7 +182,8 @@ impl Sinks {
     }
 
     fn write(&self, result: &Reconstruction, progress: &Progress) -> Result<(), Failure> {
-        self.mesh.write(|out| write(&result.mesh, self.format, out))?;
+        self.mesh
+            .write(|out| write(&result.mesh, self.format, out))?;
         if let Some(report) = &self.report {
             report.write(|out| json(out, &result.report))?;
         }
@@ -203,9 +206,8 @@ impl Sinks {
 fn format(mesh: &Sink, asked: Option<&str>) -> Result<Format, Failure> {
     let known = "ply, ply_ascii, obj, stl, off, glb";
     match (asked, mesh.name()) {
-        (Some(asked), _) => Format::from_name(asked).ok_or_else(|| {
-            Failure::Usage(format!("--format is {asked}, must be one of: {known}"))
-        }),
+        (Some(asked), _) => Format::from_name(asked)
+            .ok_or_else(|| Failure::Usage(format!("--format is {asked}, must be one of: {known}"))),
         (None, None) => Ok(Format::PlyBinary),
         (None, Some(name)) => Path::new(name)
             .extension()
@@ -235,7 +237,10 @@ fn csv(out: &mut dyn Write, metrics: &[Metrics]) -> io::Result<()> {
     }
     writeln!(out)?;
     for m in metrics {
-        let validation = m.validation_loss.map(|loss| loss.to_string()).unwrap_or_default();
+        let validation = m
+            .validation_loss
+            .map(|loss| loss.to_string())
+            .unwrap_or_default();
         write!(
             out,
             "{},{},{},{validation},{},{}",

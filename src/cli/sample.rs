@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::Failure;
 use super::files::Sink;
-use crate::reconstruction::cloud::write as cloud_format;
+use crate::reconstruction::cloud::{write_ply, write_xyz};
 use crate::reconstruction::shapes::{Recipe, Shape, sample};
 
 /// Arguments of `meshway sample`.
@@ -32,6 +32,9 @@ pub struct Arguments {
     /// Give the true normals.
     #[arg(long)]
     normals: bool,
+    /// Give labels even where all points are on the surface.
+    #[arg(long)]
+    labels: bool,
     /// Seed of the choice of points.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -44,14 +47,19 @@ pub struct Arguments {
 const MAX_POINTS: usize = 5_000_000;
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let shape: Shape =
-        arguments.shape.parse().map_err(|error| Failure::Usage(format!("{error}")))?;
+    let shape: Shape = arguments
+        .shape
+        .parse()
+        .map_err(|error| Failure::Usage(format!("{error}")))?;
     check(arguments)?;
     let sink = Sink::new(&arguments.output)?;
-    let ending = sink.name().and_then(|name| name.rsplit_once('.')).map(|(_, ending)| ending);
-    let format = match ending {
-        None | Some("xyz") => cloud_format::Format::Xyz,
-        Some("ply") => cloud_format::Format::Ply,
+    let ending = sink
+        .name()
+        .and_then(|name| name.rsplit_once('.'))
+        .map(|(_, ending)| ending);
+    let write = match ending {
+        None | Some("xyz") => write_xyz,
+        Some("ply") => write_ply,
         Some(other) => {
             return Err(Failure::Usage(format!(
                 "a cloud is written as .ply or .xyz, not .{other}"
@@ -68,9 +76,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             noise_percent: arguments.noise,
             normals: arguments.normals,
             seed: arguments.seed,
+            labels: arguments.labels,
         },
     );
-    sink.write(|out| cloud_format::write(&cloud, format, out))
+    sink.write(|out| write(&cloud, out))
 }
 
 fn check(arguments: &Arguments) -> Result<(), Failure> {
@@ -80,14 +89,19 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
         ("--exterior", arguments.exterior),
     ] {
         if count > MAX_POINTS {
-            return Err(Failure::Usage(format!("{name} is {count}, must be at most {MAX_POINTS}")));
+            return Err(Failure::Usage(format!(
+                "{name} is {count}, must be at most {MAX_POINTS}"
+            )));
         }
     }
-    for (name, value, max) in
-        [("--missing", arguments.missing, 95.0), ("--noise", arguments.noise, 100.0)]
-    {
+    for (name, value, max) in [
+        ("--missing", arguments.missing, 95.0),
+        ("--noise", arguments.noise, 100.0),
+    ] {
         if !(0.0..=max).contains(&value) {
-            return Err(Failure::Usage(format!("{name} is {value}, must be from 0 to {max}")));
+            return Err(Failure::Usage(format!(
+                "{name} is {value}, must be from 0 to {max}"
+            )));
         }
     }
     Ok(())

@@ -57,7 +57,7 @@ fn replay(folder: &Path, name: &str) -> Result<TraceResult, Failure> {
         description: &read(&json)?,
         tensors: &read(&folder.join(format!("{name}.safetensors")))?,
     };
-    verify(trace).map_err(|error| Failure::input(&json, error))
+    verify(&trace).map_err(|error| Failure::input(&json, error))
 }
 
 fn names(folder: &Path) -> Result<Vec<String>, Failure> {
@@ -66,12 +66,18 @@ fn names(folder: &Path) -> Result<Vec<String>, Failure> {
     let mut names: Vec<String> = entries
         .filter_map(Result::ok)
         .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|ending| ending == "safetensors"))
+        .filter(|path| {
+            path.extension()
+                .is_some_and(|ending| ending == "safetensors")
+        })
         .filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()))
         .collect();
     names.sort();
     if names.is_empty() {
-        return Err(Failure::input(folder, "holds no .safetensors files of golden traces"));
+        return Err(Failure::input(
+            folder,
+            "holds no .safetensors files of golden traces",
+        ));
     }
     Ok(names)
 }

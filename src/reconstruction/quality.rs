@@ -55,24 +55,57 @@ pub struct Comparison {
     pub diagonal: f64,
 }
 
-/// Compares `mesh` with `points`, which are finite; `None` without points or where the mesh has no
-/// area.
-///
-/// # Determinism
-/// The same seed gives the same numbers, for any number of threads.
-pub fn compare(mesh: &TriangleMesh, points: &[Vec3], seed: u64) -> Option<Comparison> {
-    let diagonal = Bounds::of(points)?.diagonal();
-    let to_mesh = SurfaceTree::new(mesh)?.distances(points);
-    let samples: Vec<Vec3> = surface_samples(mesh, seed)
-        .iter()
-        .map(|sample| sample.position)
-        .collect();
-    let to_cloud = PointTree::new(points)?.distances(&samples);
-    Some(Comparison {
-        cloud_to_mesh: Distances::of(&to_mesh, diagonal)?,
-        mesh_to_cloud: Distances::of(&to_cloud, diagonal)?,
-        diagonal,
-    })
+/// A mesh, indexed once for all the questions that a report asks of it.
+pub struct Judge<'a> {
+    mesh: &'a TriangleMesh,
+    tree: SurfaceTree,
+    samples: Vec<Vec3>,
+}
+
+impl<'a> Judge<'a> {
+    /// Indexes `mesh` and draws points from it; `None` where it has no area.
+    ///
+    /// # Determinism
+    /// The same seed gives the same numbers, for any number of threads.
+    pub fn new(mesh: &'a TriangleMesh, seed: u64) -> Option<Self> {
+        let tree = SurfaceTree::new(mesh)?;
+        let samples = surface_samples(mesh, seed)
+            .iter()
+            .map(|sample| sample.position)
+            .collect();
+        Some(Self {
+            mesh,
+            tree,
+            samples,
+        })
+    }
+
+    /// How far the mesh and `points`, which are finite, are from each other; `None` without points.
+    pub fn compare(&self, points: &[Vec3]) -> Option<Comparison> {
+        let diagonal = Bounds::of(points)?.diagonal();
+        let to_mesh = self.tree.distances(points);
+        let to_cloud = PointTree::new(points)?.distances(&self.samples);
+        Some(Comparison {
+            cloud_to_mesh: Distances::of(&to_mesh, diagonal)?,
+            mesh_to_cloud: Distances::of(&to_cloud, diagonal)?,
+            diagonal,
+        })
+    }
+
+    /// Mean cosine between `normals` at `points` and the normal of the closest triangle: 1 where
+    /// they agree, -1 where the mesh is inside out. Normals without a direction are left out;
+    /// `None` where none is left.
+    pub fn normal_agreement(&self, points: &[Vec3], normals: &[Vec3]) -> Option<f64> {
+        let closest = self.tree.closest_to_each(points);
+        mean(
+            normals
+                .iter()
+                .zip(&closest)
+                .filter_map(|(&normal, closest)| {
+                    cosine(normal, self.mesh.area_vector(closest.triangle))
+                }),
+        )
+    }
 }
 
 /// How far a mesh and a known surface are from each other.
@@ -140,19 +173,6 @@ fn directed(from: &TriangleMesh, to: &TriangleMesh, seed: u64) -> Option<(Vec<f6
             )
         });
     Some((distances, mean(cosines)?))
-}
-
-/// Mean cosine between `normals` at `points` and the normal of the closest triangle: 1 where they
-/// agree, -1 where the mesh is inside out. Normals without a direction are left out; `None` where
-/// none is left or the mesh has no area.
-pub fn normal_agreement(mesh: &TriangleMesh, points: &[Vec3], normals: &[Vec3]) -> Option<f64> {
-    let closest = SurfaceTree::new(mesh)?.closest_to_each(points);
-    mean(
-        normals
-            .iter()
-            .zip(&closest)
-            .filter_map(|(&normal, closest)| cosine(normal, mesh.area_vector(closest.triangle))),
-    )
 }
 
 fn surface_samples(mesh: &TriangleMesh, seed: u64) -> Vec<SurfacePoint> {

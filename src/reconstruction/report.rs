@@ -183,16 +183,27 @@ impl Report {
         training: TrainingReport,
         surface: SurfaceReport,
     ) -> Result<Self, Error> {
-        let Subject { cloud, settings, prepared, mesh, .. } = *subject;
-        let points = |indices: &[usize]| -> Vec<Vec3> {
-            indices.iter().map(|&i| cloud.points[i]).collect()
-        };
+        let Subject {
+            cloud,
+            settings,
+            prepared,
+            mesh,
+            ..
+        } = *subject;
+        let points =
+            |indices: &[usize]| -> Vec<Vec3> { indices.iter().map(|&i| cloud.points[i]).collect() };
         let judge = Judge::new(mesh, settings.training.seed);
-        let compare = |indices| judge.as_ref().and_then(|judge| judge.compare(&points(indices)));
+        let compare = |indices| {
+            judge
+                .as_ref()
+                .and_then(|judge| judge.compare(&points(indices)))
+        };
         let trained_on = &prepared.surface;
         let normal_agreement = cloud.normals.as_ref().and_then(|normals| {
             let normals: Vec<Vec3> = trained_on.iter().map(|&i| normals[i]).collect();
-            judge.as_ref()?.normal_agreement(&points(trained_on), &normals)
+            judge
+                .as_ref()?
+                .normal_agreement(&points(trained_on), &normals)
         });
         Ok(Self {
             versions: Versions::current(),
@@ -224,9 +235,15 @@ impl Report {
                 "{} triangles, {} component(s), {closed}{}",
                 mesh.triangles,
                 topology.components,
-                topology.genus.map_or_else(String::new, |genus| format!(", genus {genus}"))
+                topology
+                    .genus
+                    .map_or_else(String::new, |genus| format!(", genus {genus}"))
             ),
-            format!("area {:.6}, volume {:.6}", mesh.area, mesh.volume.unwrap_or(f64::NAN)),
+            format!(
+                "area {:.6}, volume {:.6}",
+                mesh.area,
+                mesh.volume.unwrap_or(f64::NAN)
+            ),
             format!(
                 "loss {:.3e} after {} evaluations ({})",
                 self.training.loss,
@@ -234,9 +251,10 @@ impl Report {
                 name(&self.training.termination)
             ),
         ];
-        for (what, comparison) in
-            [("points", &self.distances), ("held-out points", &self.validation_distances)]
-        {
+        for (what, comparison) in [
+            ("points", &self.distances),
+            ("held-out points", &self.validation_distances),
+        ] {
             if let Some(comparison) = comparison {
                 let d = &comparison.cloud_to_mesh;
                 lines.push(format!(
@@ -264,7 +282,12 @@ fn name(value: &impl Serialize) -> String {
 
 impl FieldAtPoints {
     fn measure(subject: &Subject<'_>) -> Result<Self, Error> {
-        let Subject { cloud, prepared, field, .. } = *subject;
+        let Subject {
+            cloud,
+            prepared,
+            field,
+            ..
+        } = *subject;
         let points: Vec<Vec3> = cloud
             .indices(Label::Surface)
             .map(|i| prepared.frame.to_unit(cloud.points[i]))
@@ -303,7 +326,12 @@ pub(super) struct Stopwatch<'a> {
 impl<'a> Stopwatch<'a> {
     pub(super) fn new(observer: &'a dyn Observer) -> Self {
         let start = observer.seconds();
-        Self { observer, start, last: start, seconds: Seconds::default() }
+        Self {
+            observer,
+            start,
+            last: start,
+            seconds: Seconds::default(),
+        }
     }
 
     /// Ends `stage`: what went by since the last one ended was spent in it.
@@ -320,6 +348,9 @@ impl<'a> Stopwatch<'a> {
     }
 
     pub(super) fn seconds(&self) -> Seconds {
-        Seconds { total: self.last - self.start, ..self.seconds }
+        Seconds {
+            total: self.last - self.start,
+            ..self.seconds
+        }
     }
 }

@@ -90,7 +90,13 @@ fn run<T: Scalar>(
     stopwatch.lap(Phase::Surface);
 
     observer.event(Event::Phase(Phase::Report));
-    let subject = Subject { cloud, settings, prepared: &prepared, mesh: &mesh, field: field.as_ref() };
+    let subject = Subject {
+        cloud,
+        settings,
+        prepared: &prepared,
+        mesh: &mesh,
+        field: field.as_ref(),
+    };
     let mut report = Report::new(&subject, TrainingReport::new(&trained), surface)?;
     stopwatch.lap(Phase::Report);
     report.seconds = stopwatch.seconds();
@@ -107,7 +113,10 @@ fn fit<T: Scalar>(
         let field = engine.field(parameters)?;
         match mesher.mesh(field.as_ref()) {
             Ok((mesh, _)) => {
-                mesher.observer.event(Event::Snapshot { evaluation, mesh: &mesh });
+                mesher.observer.event(Event::Snapshot {
+                    evaluation,
+                    mesh: &mesh,
+                });
                 Ok(())
             }
             // Early in training there may be no surface yet; that is worth no failed run.
@@ -115,7 +124,10 @@ fn fit<T: Scalar>(
             Err(error) => Err(error),
         }
     };
-    let hooks = Hooks { observer: mesher.observer, snapshot: &mut snapshot };
+    let hooks = Hooks {
+        observer: mesher.observer,
+        snapshot: &mut snapshot,
+    };
     let trained = train(engine, parameters, &mesher.settings.training, hooks)?;
     if trained.termination == Termination::Cancelled {
         return Err(Error::Cancelled);
@@ -145,10 +157,19 @@ impl<'a> Mesher<'a> {
             .chain(&prepared.held_out)
             .map(|&i| prepared.frame.to_unit(cloud.points[i]))
             .collect();
-        let origin = Bounds { min: [0.0; 3], max: [0.0; 3] };
+        let origin = Bounds {
+            min: [0.0; 3],
+            max: [0.0; 3],
+        };
         let bounds = Bounds::of(&surface_points).unwrap_or(origin);
         let bounds = bounds.padded(settings.surface.padding * bounds.longest_edge());
-        Self { settings, prepared, observer, bounds, surface_points }
+        Self {
+            settings,
+            prepared,
+            observer,
+            bounds,
+            surface_points,
+        }
     }
 
     /// The mesh of `field`, in the coordinates of the input.
@@ -168,8 +189,12 @@ impl<'a> Mesher<'a> {
         )?;
         let mut report = SurfaceReport::new(&extraction, &self.prepared.frame);
         let reach = SUPPORT_REACH * self.prepared.spacing.max(extraction.grid.spacing);
-        let (mut mesh, dropped) =
-            keep_components(extraction.mesh, settings.components, &self.surface_points, reach);
+        let (mut mesh, dropped) = keep_components(
+            extraction.mesh,
+            settings.components,
+            &self.surface_points,
+            reach,
+        );
         if mesh.triangles.is_empty() {
             return Err(Error::NoSurface(
                 "no point of the cloud lies near any component of its zero set".to_owned(),

@@ -2,5 +2,5 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod mesh;
-mod surface;
 mod readers;
+mod surface;

@@ -60,6 +60,11 @@ impl Format {
         }
     }
 
+    /// The format of this name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|format| format.name() == name)
+    }
+
     /// The format that a file name with this ending asks for, with or without the dot, in any
     /// case; `ply` is binary.
     pub fn from_extension(extension: &str) -> Option<Self> {
