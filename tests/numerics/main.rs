@@ -4,3 +4,6 @@
 mod mesh;
 mod readers;
 mod surface;
+mod network;
+mod optimiser;
+mod traces;

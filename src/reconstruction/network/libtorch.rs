@@ -170,20 +170,21 @@ impl<'a> Network<'a> {
         for h in 1..=hidden_layers {
             let z = self.affine(h - 1, &a)?;
             let tanh = z.f_tanh()?;
-            a = if !self.architecture.carries_residual(h) {
-                tanh
+            let scheme = if self.architecture.carries_residual(h) {
+                self.architecture.scheme
             } else {
-                match self.architecture.scheme {
-                    Scheme::Plain => tanh,
-                    Scheme::Resnet => tanh.f_add(&a)?,
-                    Scheme::Highway => {
-                        // Gate k stands on hidden layer k + 2, behind the linear layers and the output.
-                        let gate = self.affine(hidden_layers + h - 1, &a)?.f_sigmoid()?;
-                        a.f_lerp_tensor(&tanh, &gate)?
-                    }
-                    Scheme::Hw => tanh.f_add(&z)?,
-                    Scheme::Sqrhw => tanh.f_addcmul(&z, &z)?,
+                Scheme::Plain
+            };
+            a = match scheme {
+                Scheme::Plain => tanh,
+                Scheme::Resnet => tanh.f_add(&a)?,
+                Scheme::Highway => {
+                    // The gate of layer 2 stands behind the linear layers and the output.
+                    let gate = self.affine(hidden_layers + h - 1, &a)?.f_sigmoid()?;
+                    a.f_lerp_tensor(&tanh, &gate)?
                 }
+                Scheme::Hw => tanh.f_add(&z)?,
+                Scheme::Sqrhw => tanh.f_addcmul(&z, &z)?,
             };
         }
         self.affine(hidden_layers, &a)

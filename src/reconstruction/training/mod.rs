@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 pub use adam::Adam;
 pub use iterate::{Interrupt, Iterate, Objective, Step};
 pub use lbfgs::{Lbfgs, Options};
-pub use monitor::Hooks;
+pub use monitor::{Hooks, Snapshot};
 pub use run::{Trained, train};
 
 /// Why training ended. Not converging is a result, not an error.
