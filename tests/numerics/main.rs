@@ -4,3 +4,4 @@
 mod network;
 mod optimiser;
 mod traces;
+mod training;
