@@ -138,7 +138,7 @@ fn points_tensor<T: Scalar>(points: &[Vec3]) -> Result<Tensor, TchError> {
 #[derive(Debug)]
 struct Network<'a> {
     architecture: &'a Architecture,
-    /// Weight [rows, columns] and bias [rows] of the linear layers, then of the gates.
+    /// Weight (rows × columns) and bias (rows) of the linear layers, then of the gates.
     layers: Vec<(Tensor, Tensor)>,
 }
 
