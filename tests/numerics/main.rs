@@ -7,3 +7,4 @@ mod surface;
 mod network;
 mod optimiser;
 mod traces;
+mod training;

@@ -44,7 +44,7 @@ pub enum Termination {
 pub struct Metrics {
     /// Accepted iterations so far.
     pub iteration: u64,
-    /// Evaluations of loss and gradient so far: what the figures of [N24] call epochs.
+    /// Evaluations of loss and gradient so far: what the figures of \[N24\] call epochs.
     pub evaluation: u64,
     /// Mean weighted squared error on the training samples.
     pub loss: f64,

@@ -17,7 +17,7 @@ pub struct Hooks<'a, T> {
     pub observer: &'a dyn Observer,
     /// Called with the number of the evaluation and its parameters at each of
     /// `snapshot_evaluations`. Like a histogram it belongs to exactly that evaluation, which may
-    /// be a trial of a line search, as in [N24].
+    /// be a trial of a line search, as in \[N24\].
     pub snapshot: &'a mut Snapshot<'a, T>,
 }
 
