@@ -10,12 +10,11 @@ const MAX_SWEEPS: usize = 30;
 ///
 /// Only the symmetric part that the upper triangle gives is read.
 pub(crate) fn eigen(m: [[f64; 3]; 3]) -> ([f64; 3], [Vec3; 3]) {
-    let mut a = m;
-    for i in 0..3 {
-        for j in 0..i {
-            a[i][j] = a[j][i];
-        }
-    }
+    let mut a = [
+        [m[0][0], m[0][1], m[0][2]],
+        [m[0][1], m[1][1], m[1][2]],
+        [m[0][2], m[1][2], m[2][2]],
+    ];
     let mut vectors = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     for _ in 0..MAX_SWEEPS {
         let off = a[0][1].abs() + a[0][2].abs() + a[1][2].abs();
@@ -41,8 +40,8 @@ fn rotate(a: &mut [[f64; 3]; 3], vectors: &mut [Vec3; 3], p: usize, q: usize) {
     let t = tau.signum() / (tau.abs() + tau.hypot(1.0));
     let c = 1.0 / t.hypot(1.0);
     let s = t * c;
-    for k in 0..3 {
-        (a[k][p], a[k][q]) = (c * a[k][p] - s * a[k][q], s * a[k][p] + c * a[k][q]);
+    for row in a.iter_mut() {
+        (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
     }
     for k in 0..3 {
         (a[p][k], a[q][k]) = (c * a[p][k] - s * a[q][k], s * a[p][k] + c * a[q][k]);
