@@ -33,7 +33,7 @@ pub struct Samples {
     pub points: Vec<Vec3>,
     /// Targets, `[n]`.
     pub targets: Vec<f64>,
-    /// Weights, `[n]`; 1 in [N24].
+    /// Weights, `[n]`; 1 in \[N24\].
     pub weights: Vec<f64>,
 }
 

@@ -77,10 +77,10 @@ pub fn normals(
 }
 
 /// Undirected unit normals: the direction of least extent of each point and its neighbours
-/// [H92, section 3.2].
+/// \[H92, tangent plane estimation\].
 ///
 /// # Deviations
-/// [H92] takes a fixed number of neighbours. Here several numbers are tried, from half of those
+/// \[H92\] takes a fixed number of neighbours. Here several numbers are tried, from half of those
 /// in `neighbours` on, and the one whose points lie flattest is taken: thin parts ask for few,
 /// noise above the spacing for many.
 pub fn estimate(points: &[Vec3], tree: &Tree, neighbours: usize) -> Vec<Vec3> {
