@@ -26,8 +26,8 @@ enum Rule {
 
 /// Signs the unit `normals` of `points` so that they point outwards.
 ///
-/// Normals are propagated along a minimum spanning tree of the neighbour graph \[H92, consistent tangent plane orientation\],
-/// each connected piece for itself; each piece is then turned so that it encloses a positive
+/// Normals are propagated along a minimum spanning tree of the neighbour graph
+/// (\[H92\], consistent tangent plane orientation), each connected piece for itself; each piece is then turned so that it encloses a positive
 /// volume.
 ///
 /// # Deviations
