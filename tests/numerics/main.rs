@@ -8,3 +8,5 @@ mod network;
 mod optimiser;
 mod traces;
 mod training;
+mod sampling;
+mod shapes;
