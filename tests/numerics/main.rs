@@ -1,12 +1,11 @@
 //! Tests of the mathematics. One binary, because linking libtorch is slow.
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod mesh;
-mod readers;
-mod surface;
 mod network;
 mod optimiser;
-mod traces;
-mod training;
+mod readers;
 mod sampling;
 mod shapes;
+mod surface;
+mod traces;
+mod training;
