@@ -49,10 +49,10 @@ pub(super) struct Arguments {
     /// One row an accepted iteration.
     #[arg(long, value_name = "CSV")]
     metrics: Option<PathBuf>,
-    /// Gradient histograms at training.histogram_evaluations, as JSON.
+    /// Gradient histograms at `training.histogram_evaluations`, as JSON.
     #[arg(long, value_name = "JSON")]
     gradients: Option<PathBuf>,
-    /// Folder for meshes at training.snapshot_evaluations.
+    /// Folder for meshes at `training.snapshot_evaluations`.
     #[arg(long, value_name = "FOLDER")]
     snapshots: Option<PathBuf>,
     /// Threads to compute with, at most the cores of the machine (the default).
