@@ -65,12 +65,12 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let settings = settings(arguments)?;
-    let threads = threads(arguments.threads)?;
+    // First of all: reading, too, uses the threads.
+    set_threads(threads(arguments.threads)?).map_err(|error| Failure::Usage(error.to_string()))?;
     let sinks = Sinks::new(arguments)?;
     let progress = Progress::new(arguments.quiet);
     let (cloud, inputs) = cloud(arguments, &progress)?;
 
-    set_threads(threads).map_err(|error| Failure::Usage(error.to_string()))?;
     let outcome = reconstruct(&cloud, &settings, &progress);
     progress.finish();
     let mut result = outcome.map_err(|error| Failure::of(error, &arguments.cloud))?;
