@@ -5,6 +5,7 @@ mod mesh;
 mod network;
 mod optimiser;
 mod readers;
+mod reconstruction;
 mod sampling;
 mod shapes;
 mod surface;

@@ -29,7 +29,7 @@ pub use error::Error;
 pub use format::Format;
 pub use read::{Limits, Source, read};
 pub(super) use read::{content, unpack};
-pub(super) use validate::MAX_COORDINATE;
+pub(super) use validate::{MAX_COORDINATE, enough_points};
 pub use write::{write_ply, write_xyz};
 
 /// Where a point lies, as the user says.

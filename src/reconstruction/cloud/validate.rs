@@ -48,14 +48,9 @@ impl PointCloud {
             .indices(Label::Surface)
             .map(|i| self.points[i])
             .collect();
-        let enough = |found| {
-            let needed = MIN_POINTS;
-            let error = Error::TooFewPoints { found, needed };
-            if found < needed { Err(error) } else { Ok(()) }
-        };
-        enough(surface.len())?;
+        enough_points(surface.len())?;
         check_spread(&surface)?;
-        enough(distinct(&surface))
+        enough_points(distinct(&surface))
     }
 
     /// Number of different points.
@@ -78,6 +73,13 @@ impl PointCloud {
         }
         Ok(())
     }
+}
+
+/// Refuses fewer surface points than an estimate from neighbours needs.
+pub(in crate::reconstruction) fn enough_points(found: usize) -> Result<(), Error> {
+    let needed = MIN_POINTS;
+    let error = Error::TooFewPoints { found, needed };
+    if found < needed { Err(error) } else { Ok(()) }
 }
 
 fn check_spread(points: &[Vec3]) -> Result<(), Error> {
