@@ -23,13 +23,14 @@ pub struct Reconstruction {
 
 /// Sets the number of threads of every later run in this process.
 ///
-/// Both thread pools, rayon's and libtorch's, belong to the process; so does this choice. The two
-/// never work at the same time.
+/// rayon's pool belongs to the process, and so does this choice. libtorch always gets one thread: on
+/// matrices as narrow as these networks a second one gained nothing (measured at 3500 × 50), and its
+/// idle threads spin, which costs twenty times where another process wants the core.
 ///
 /// # Errors
 /// When the threads were set to another number before.
 pub fn set_threads(threads: usize) -> Result<(), Error> {
-    tch::set_num_threads(threads as i32);
+    tch::set_num_threads(1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
     match pool.build_global() {
         Err(_) if rayon::current_num_threads() != threads => Err(Error::Threads {
