@@ -13,4 +13,5 @@
 //! on a wrong way.
 
 pub mod cli;
+pub mod config;
 pub mod reconstruction;
