@@ -3,8 +3,9 @@
 //! One way through the rooms; an arrow points at what may be used:
 //!
 //! ```text
-//! reconstruction  <-  cli  <-  main
-//! the mathematics     the operator
+//! reconstruction  <-  jobs  <-  cli  <-  main
+//! the mathematics     a job's   the operator
+//!                     life
 //! ```
 //!
 //! `reconstruction` is a pure library: bytes and settings in, meshes and reports out. It knows
@@ -14,4 +15,5 @@
 
 pub mod cli;
 pub mod config;
+pub mod jobs;
 pub mod reconstruction;

@@ -3,13 +3,13 @@
 //! The library never looks at a clock and never logs. Who calls it gives it an [`Observer`]: a
 //! progress bar, rows of a database, or nothing at all.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::mesh::TriangleMesh;
 use super::training::{GradientHistogram, Metrics};
 
 /// The stages of a run, in their order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Phase {
     /// Normals, off-surface samples, hold-out.
