@@ -1,3 +1,9 @@
 //! The `meshway` program.
 
-fn main() {}
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    meshway::cli::run(meshway::cli::Cli::parse())
+}

@@ -34,6 +34,14 @@ pub enum Error {
         /// Most triangles that are allowed.
         limit: usize,
     },
+    /// The threads of the process are set already.
+    #[error("{asked} threads are asked for, but this process was set to {set}")]
+    Threads {
+        /// Threads asked for.
+        asked: usize,
+        /// Threads set before.
+        set: usize,
+    },
     /// The observer asked to stop.
     #[error("cancelled")]
     Cancelled,
@@ -52,7 +60,7 @@ impl Error {
             Self::NoSurface(_) => "no_surface",
             Self::MeshTooLarge { .. } => "mesh_too_large",
             Self::Cancelled => "cancelled",
-            Self::Libtorch(_) => "internal",
+            Self::Threads { .. } | Self::Libtorch(_) => "internal",
         }
     }
 }

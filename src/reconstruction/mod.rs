@@ -1,6 +1,7 @@
 //! The mathematics: a point cloud in, a watertight mesh out.
 //!
-//! The modules stand in the order in which the data flows. References used below:
+//! The data flows through `cloud`, `sampling`, `network`, `training`, `surface`, `mesh` and `quality`;
+//! `run` has the whole way in one screen. References used below:
 //!
 //! - \[N24\] Noorizadegan, Hon, Young, Chen: Highway Networks for Improved Surface Reconstruction:
 //!   The Role of Residuals and Weight Updates, arXiv:2407.08134.
@@ -12,19 +13,29 @@
 //!   Points, SIGGRAPH 1992.
 //! - \[GB10\] Glorot, Bengio: Understanding the Difficulty of Training Deep Feedforward Neural
 //!   Networks, AISTATS 2010.
+//! - \[KB15\] Kingma, Ba: Adam: A Method for Stochastic Optimization, ICLR 2015.
 
 pub mod cloud;
 pub mod mesh;
+pub mod network;
+pub mod quality;
+pub mod random;
+pub mod report;
 pub mod sampling;
 pub mod settings;
+pub mod shapes;
 pub mod surface;
 pub mod training;
+pub mod vector;
+pub mod verify;
 
 mod error;
 mod observer;
-pub mod random;
-pub mod vector;
+mod run;
+mod symmetric;
 
 pub use error::Error;
 pub use observer::{Event, Observer, Phase, Warning};
+pub use report::{Input, Report};
+pub use run::{Reconstruction, reconstruct, set_threads};
 pub use settings::{Preset, Settings};

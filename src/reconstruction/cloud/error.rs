@@ -55,7 +55,7 @@ pub enum Error {
         found: u64,
     },
     /// The header cannot be understood.
-    #[error("line {line}: {detail}")]
+    #[error("header{}: {detail}", line_of_header(*line))]
     Header {
         /// Line of the header, from 1; 0 where the header is binary.
         line: usize,
@@ -102,5 +102,12 @@ impl Error {
             Self::UnsupportedFormat(_) => "unsupported_format",
             Self::Compression(_) => "unsupported_encoding",
         }
+    }
+}
+
+fn line_of_header(line: usize) -> String {
+    match line {
+        0 => String::new(),
+        line => format!(", line {line}"),
     }
 }

@@ -1,12 +1,33 @@
 //! Point clouds and the formats they are read from.
+//!
+//! A file goes through [`read()`]: unpacked, its format recognised, its rows poured by one of the
+//! readers into a `collector`, which holds the limits. Readers see bytes, not files.
 
+mod binary;
+mod collector;
+mod columns;
 mod error;
+mod format;
+mod npy;
+mod obj;
+mod off;
+mod pcd;
+mod ply;
+mod read;
+mod stl;
+mod text;
+mod validate;
+mod write;
+mod xyz;
 
 use serde::{Deserialize, Serialize};
 
 use super::vector::{Bounds, Vec3};
 
 pub use error::Error;
+pub use format::Format;
+pub use read::{Limits, Source, read};
+pub use write::{write_ply, write_xyz};
 
 /// Where a point lies, as the user says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -21,13 +42,20 @@ pub enum Label {
 }
 
 impl Label {
-    /// Target of the field there: 0 on the surface, 1 inside, -1 outside ([N24] section 1).
+    /// Target of the field there: 0 on the surface, 1 inside, -1 outside (\[N24\] section 1).
     pub fn target(self) -> f64 {
         match self {
             Self::Surface => 0.0,
             Self::Interior => 1.0,
             Self::Exterior => -1.0,
         }
+    }
+
+    /// The label that a number in a file stands for: the reverse of [`Label::target`].
+    fn from_number(number: f64) -> Option<Self> {
+        [Self::Surface, Self::Interior, Self::Exterior]
+            .into_iter()
+            .find(|label| label.target().total_cmp(&(number + 0.0)).is_eq())
     }
 }
 
@@ -43,11 +71,12 @@ pub struct PointCloud {
 }
 
 impl PointCloud {
-    /// Label of point `i`.
+    /// Label of point `i`; a point without one lies on the surface.
     pub fn label(&self, i: usize) -> Label {
-        self.labels
-            .as_ref()
-            .map_or(Label::Surface, |labels| labels[i])
+        let labels = self.labels.as_ref();
+        labels
+            .and_then(|labels| labels.get(i).copied())
+            .unwrap_or(Label::Surface)
     }
 
     /// Indices of the points with the given label, in order.
@@ -58,5 +87,42 @@ impl PointCloud {
     /// Smallest box around all points.
     pub fn bounds(&self) -> Option<Bounds> {
         Bounds::of(&self.points)
+    }
+
+    /// The cloud with one label for all its points.
+    #[must_use]
+    pub fn with_label(mut self, label: Label) -> Self {
+        self.labels = Some(vec![label; self.points.len()]);
+        self
+    }
+
+    /// Adds the points of `other` behind the own ones.
+    ///
+    /// Normals are kept only if both clouds have them. Where one cloud has labels, the points of
+    /// the other are surface points.
+    pub fn append(&mut self, other: Self) {
+        if self.points.is_empty() {
+            *self = other;
+            return;
+        }
+        if other.points.is_empty() {
+            return;
+        }
+        self.normals = self
+            .normals
+            .take()
+            .zip(other.normals)
+            .map(|(mut all, more)| {
+                all.extend(more);
+                all
+            });
+        if self.labels.is_some() || other.labels.is_some() {
+            let surface = |count| vec![Label::Surface; count];
+            let mut labels = self.labels.take();
+            let all = labels.get_or_insert_with(|| surface(self.points.len()));
+            all.extend(other.labels.unwrap_or_else(|| surface(other.points.len())));
+            self.labels = labels;
+        }
+        self.points.extend(other.points);
     }
 }

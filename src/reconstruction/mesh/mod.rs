@@ -1,6 +1,17 @@
 //! Triangle meshes: topology, measures, distances, and the formats they are written to.
+//!
+//! The types here hold what the surface made or a file gave; nothing in this room repairs a mesh.
+
+mod distance;
+mod measures;
+pub mod read;
+mod topology;
+pub mod write;
 
 use super::vector::Vec3;
+
+pub use distance::{Closest, Distances, PointTree, SurfacePoint, SurfaceTree, sample_surface};
+pub use topology::{Topology, components};
 
 /// A triangle mesh with shared vertices.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -9,6 +20,6 @@ pub struct TriangleMesh {
     pub vertices: Vec<Vec3>,
     /// One unit normal a vertex, pointing outwards; empty when there are none.
     pub normals: Vec<Vec3>,
-    /// Vertex indices, counter-clockwise seen from outside.
+    /// Vertex indices, counter-clockwise seen from outside; each below the number of vertices.
     pub triangles: Vec<[u32; 3]>,
 }

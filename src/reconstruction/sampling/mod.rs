@@ -1,6 +1,30 @@
 //! From points to training samples: frame, normals, winding number, off-surface samples, hold-out.
+//!
+//! [`prepare`] is the whole room. It works in the unit frame; what it knows about the surface (which
+//! way is out, which side a place is on) comes from all its points, what is trained on from an even
+//! subset within the budget.
 
+pub mod frame;
+pub mod neighbours;
+pub mod normals;
+pub mod orientation;
+pub mod oriented;
+mod prepare;
+pub mod samples;
+pub mod selection;
+pub mod winding;
+
+use serde::Serialize;
+
+use super::observer::Warning;
 use super::vector::Vec3;
+
+pub use frame::Frame;
+pub use normals::NormalSource;
+pub use prepare::prepare;
+
+/// Fewest surface points: below, no neighbourhood tells a surface.
+pub const MIN_SURFACE_POINTS: usize = 16;
 
 /// Points with targets and weights of the least-squares fit, in the frame of training.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -11,4 +35,85 @@ pub struct Samples {
     pub targets: Vec<f64>,
     /// Weights, `[n]`; 1 in [N24].
     pub weights: Vec<f64>,
+}
+
+impl Samples {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Puts `other` behind these.
+    pub fn append(&mut self, other: Self) {
+        self.points.extend(other.points);
+        self.targets.extend(other.targets);
+        self.weights.extend(other.weights);
+    }
+}
+
+impl Extend<(Vec3, f64)> for Samples {
+    fn extend<I: IntoIterator<Item = (Vec3, f64)>>(&mut self, samples: I) {
+        for (point, target) in samples {
+            self.points.push(point);
+            self.targets.push(target);
+            self.weights.push(1.0);
+        }
+    }
+}
+
+impl FromIterator<(Vec3, f64)> for Samples {
+    fn from_iter<I: IntoIterator<Item = (Vec3, f64)>>(samples: I) -> Self {
+        let mut all = Self::default();
+        all.extend(samples);
+        all
+    }
+}
+
+/// How many samples of each kind there are.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Surface points trained on.
+    pub surface: usize,
+    /// Points labelled interior trained on.
+    pub interior: usize,
+    /// Points labelled exterior trained on.
+    pub exterior: usize,
+    /// Generated samples along the normals.
+    pub near: usize,
+    /// Generated samples in the box and on its shell.
+    pub far: usize,
+    /// Surface points held out.
+    pub held_out: usize,
+    /// Validation samples of every kind.
+    pub validation: usize,
+}
+
+/// All that training needs, and what the report says about it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prepared {
+    /// The frame of training.
+    pub frame: Frame,
+    /// Samples to fit, unit frame.
+    pub training: Samples,
+    /// Samples of the same kinds from what was held out, unit frame; empty without a hold-out.
+    pub validation: Samples,
+    /// Indices into the cloud of the surface points trained on, ascending.
+    pub surface: Vec<usize>,
+    /// Indices into the cloud of the surface points held out, ascending; at most 20,000.
+    pub held_out: Vec<usize>,
+    /// How many samples of each kind there are.
+    pub counts: Counts,
+    /// Median distance between neighbouring trained points, unit frame.
+    pub spacing: f64,
+    /// Diagonal of the box of the surface points, unit frame.
+    pub diagonal: f64,
+    /// Where the normals come from; none where none were needed.
+    pub normals: Option<NormalSource>,
+    /// What the user should know.
+    pub warnings: Vec<Warning>,
 }

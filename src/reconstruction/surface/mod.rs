@@ -1,7 +1,28 @@
 //! From a field to the closed mesh of its zero set.
+//!
+//! Sample the field on a grid ([`Evaluation::Sparse`]: only where the surface can be), triangulate
+//! with marching cubes, move the vertices onto the zero set, and drop the components that no input
+//! point supports. The field counts as outside beyond the grid, so that the mesh is always closed.
+
+mod bits;
+mod components;
+mod dense;
+mod grid;
+mod marching_cubes;
+mod projection;
+mod samples;
+mod sparse;
+mod table;
 
 use super::error::Error;
-use super::vector::Vec3;
+use super::mesh::TriangleMesh;
+use super::settings::Evaluation;
+use super::vector::{Bounds, Vec3};
+use grid::Lattice;
+use samples::{Samples, Source};
+
+pub use components::{Dropped, keep_components};
+pub use grid::Grid;
 
 /// A scalar field on R³: positive inside, zero on the surface.
 pub trait Field {
@@ -21,4 +42,119 @@ pub trait Field {
         values: &mut [f64],
         gradients: &mut [Vec3],
     ) -> Result<(), Error>;
+}
+
+/// Most triangles of a mesh unless the caller says otherwise: about 1 GB of triangles and vertices.
+pub const MAX_TRIANGLES: usize = 40_000_000;
+
+/// What to extract, and the window of the caller onto the work.
+#[derive(Clone, Copy)]
+pub struct Request<'a> {
+    /// Box that the grid covers, in the frame of the field.
+    pub bounds: Bounds,
+    /// Grid points along the longest edge of the box.
+    pub resolution: usize,
+    /// Where the field is evaluated.
+    pub evaluation: Evaluation,
+    /// Newton steps that move the vertices onto the zero set.
+    pub projection_steps: usize,
+    /// Most triangles of the mesh.
+    pub max_triangles: usize,
+    /// Asked before each call of the field whether to stop.
+    pub cancelled: &'a dyn Fn() -> bool,
+    /// Told the share of the work that is done, 0 to 1.
+    pub progress: &'a dyn Fn(f64),
+}
+
+impl Request<'_> {
+    /// Sparse evaluation over `bounds`, two Newton steps, nobody watching.
+    pub fn new(bounds: Bounds, resolution: usize) -> Self {
+        Self {
+            bounds,
+            resolution,
+            evaluation: Evaluation::Sparse,
+            projection_steps: 2,
+            max_triangles: MAX_TRIANGLES,
+            cancelled: &|| false,
+            progress: &|_| (),
+        }
+    }
+}
+
+/// The mesh of a zero set, and how it came about.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Extraction {
+    /// Closed, manifold and oriented; with unit normals along -∇f.
+    pub mesh: TriangleMesh,
+    /// The grid that the field was sampled on.
+    pub grid: Grid,
+    /// Grid points at which the field was evaluated.
+    pub evaluations: u64,
+    /// Evaluations of the field with its gradient, at vertices.
+    pub gradient_evaluations: u64,
+    /// Vertices where the surface was closed because it left the grid; they are not on f = 0.
+    pub closing_vertices: usize,
+    /// Vertices put back to where marching cubes had them, lest the mesh fold over.
+    pub unprojected_vertices: usize,
+}
+
+/// Extracts the zero set of `field`.
+///
+/// # Errors
+/// [`Error::NoSurface`] where the field does not change its sign on the grid or is not finite,
+/// [`Error::MeshTooLarge`], [`Error::Cancelled`], and what the field reports.
+///
+/// # Determinism
+/// The same field values give the same mesh, bit for bit, whatever the number of threads. Without
+/// projection, sparse and dense evaluation give the same mesh too, but for components that are
+/// smaller than a coarse cell and away from any that is seen.
+pub fn extract(field: &dyn Field, request: &Request<'_>) -> Result<Extraction, Error> {
+    let lattice = Lattice::new(Grid::new(&request.bounds, request.resolution)?);
+    let mut source = Source::new(field, request, lattice);
+    let samples = match request.evaluation {
+        Evaluation::Sparse => sparse::sample(&mut source)?,
+        Evaluation::Dense => dense::sample(&mut source)?,
+    };
+    check_signs(&source)?;
+    let contour = contour(samples, request, &lattice)?;
+    let projected = projection::project(field, request, lattice.grid.spacing, &contour)?;
+    Ok(Extraction {
+        mesh: TriangleMesh {
+            vertices: projected.vertices,
+            normals: projected.normals,
+            triangles: contour.triangles,
+        },
+        grid: lattice.grid,
+        evaluations: source.evaluations,
+        gradient_evaluations: projected.evaluations,
+        closing_vertices: contour.caps.len(),
+        unprojected_vertices: projected.undone,
+    })
+}
+
+/// Takes the samples, so that their memory is free again when the vertices are moved.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "ends the life of the samples"
+)]
+fn contour(
+    samples: Samples,
+    request: &Request<'_>,
+    lattice: &Lattice,
+) -> Result<marching_cubes::Contour, Error> {
+    marching_cubes::contour(&samples, lattice, request.max_triangles)
+}
+
+fn check_signs(source: &Source<'_>) -> Result<(), Error> {
+    let sign = if source.positive == 0 {
+        "nowhere positive (inside)"
+    } else if source.positive == source.evaluations {
+        "everywhere positive (inside)"
+    } else {
+        return Ok(());
+    };
+    Err(Error::NoSurface(format!(
+        "it is {sign} on the grid, at {} points",
+        source.evaluations
+    )))
 }

@@ -1,6 +1,23 @@
 //! Fitting the network: L-BFGS, Adam, the loop around them, and what it tells.
 
+mod adam;
+mod histogram;
+mod holdout;
+mod iterate;
+mod lbfgs;
+mod line_search;
+mod linear_algebra;
+mod monitor;
+mod pairs;
+mod run;
+
 use serde::{Deserialize, Serialize};
+
+pub use adam::Adam;
+pub use iterate::{Interrupt, Iterate, Objective, Step};
+pub use lbfgs::{Lbfgs, Options};
+pub use monitor::Hooks;
+pub use run::{Trained, train};
 
 /// Why training ended. Not converging is a result, not an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,0 +1,132 @@
+//! Files in and out: whole inputs, and outputs that are there completely or not at all.
+
+use std::fs;
+use std::io::{self, BufWriter, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use super::Failure;
+use crate::reconstruction::Input;
+use crate::reconstruction::cloud::{self, PointCloud};
+
+/// Reads a whole file.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+    fs::read(path).map_err(|error| Failure::input(path, format!("cannot be read: {error}")))
+}
+
+/// Reads a point cloud, with what the report records of its file.
+pub(super) fn read_cloud(path: &Path) -> Result<(PointCloud, cloud::Source, Input), Failure> {
+    let bytes = read(path)?;
+    let name = path
+        .file_name()
+        .map(|name| name.to_string_lossy().into_owned());
+    let (cloud, source) = cloud::read(&bytes, name.as_deref(), &cloud::Limits::default())
+        .map_err(|error| Failure::cloud(path, &error))?;
+    let input = Input {
+        name: name.unwrap_or_default(),
+        sha256: hex(&Sha256::digest(&bytes)),
+        bytes: bytes.len() as u64,
+        points: cloud.points.len(),
+    };
+    Ok((cloud, source, input))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Where a result goes: a file, or standard output for `-`.
+#[derive(Debug, Clone)]
+pub(super) enum Sink {
+    Stdout,
+    File(PathBuf),
+}
+
+impl Sink {
+    /// The sink that `-o` names. Its folder is looked at now: a run of minutes must not end with
+    /// a result that has no place.
+    pub(super) fn new(path: &Path) -> Result<Self, Failure> {
+        if path == Path::new("-") {
+            return Ok(Self::Stdout);
+        }
+        if path.is_dir() {
+            return Err(Failure::Usage(format!("{}: is a folder", path.display())));
+        }
+        let folder = folder(path);
+        if folder.is_dir() {
+            Ok(Self::File(path.to_owned()))
+        } else {
+            Err(Failure::Usage(format!(
+                "{}: there is no such folder",
+                folder.display()
+            )))
+        }
+    }
+
+    /// The ending of the file name; none on standard output.
+    pub(super) fn name(&self) -> Option<&str> {
+        match self {
+            Self::Stdout => None,
+            Self::File(path) => path.file_name().and_then(|name| name.to_str()),
+        }
+    }
+
+    /// Writes through `write` beside the target, and renames only when all is on disk.
+    pub(super) fn write(
+        &self,
+        write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    ) -> Result<(), Failure> {
+        match self {
+            Self::Stdout => {
+                let mut out = BufWriter::new(io::stdout().lock());
+                match write(&mut out).and_then(|()| out.flush()) {
+                    // The reader had enough, as in `| head`.
+                    Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+                    result => result.map_err(|error| Failure::output(Path::new("-"), &error)),
+                }
+            }
+            Self::File(path) => {
+                write_beside(path, write).map_err(|error| Failure::output(path, &error))
+            }
+        }
+    }
+
+    /// Whether binary data would go to a screen.
+    pub(super) fn is_terminal(&self) -> bool {
+        matches!(self, Self::Stdout) && io::stdout().is_terminal()
+    }
+}
+
+fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+fn write_beside(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    // A device or a pipe (`-o /dev/null`) is written to; renaming would replace it.
+    if path.exists() && !path.is_file() {
+        let mut out = BufWriter::new(fs::OpenOptions::new().write(true).open(path)?);
+        return write(&mut out).and_then(|()| out.flush());
+    }
+    let mut beside = tempfile::Builder::new();
+    beside.prefix(".meshway-");
+    #[cfg(unix)]
+    {
+        // As for any new file: readable by all, less the umask; temporary files are private.
+        use std::os::unix::fs::PermissionsExt;
+        beside.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let file = beside.tempfile_in(folder(path))?;
+    let mut out = BufWriter::new(file);
+    write(&mut out)?;
+    let file = out.into_inner().map_err(io::IntoInnerError::into_error)?;
+    file.as_file().sync_all()?;
+    file.persist(path).map_err(|error| error.error)?;
+    Ok(())
+}

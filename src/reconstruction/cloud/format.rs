@@ -1,0 +1,137 @@
+//! The formats and how a file shows which one it is.
+
+use serde::{Deserialize, Serialize};
+
+use super::Error;
+use super::text::{Lines, parse};
+
+/// A format that clouds are read from; each may be gzipped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Format {
+    /// Stanford polygon file, ASCII or binary.
+    Ply,
+    /// A table of numbers: `.xyz`, `.xyzn`, `.txt`, `.csv`, `.tsv`, `.asc`, `.pts`.
+    Xyz,
+    /// Wavefront OBJ; its vertices.
+    Obj,
+    /// Object file format of Geomview; its vertices.
+    Off,
+    /// Stereolithography, ASCII or binary; its vertices.
+    Stl,
+    /// Point Cloud Library, ASCII, binary or compressed.
+    Pcd,
+    /// An array of NumPy.
+    Npy,
+}
+
+/// Looked at to tell formats apart; their marks stand at the very beginning.
+const HEAD: usize = 4096;
+
+impl Format {
+    /// The format that a file name's ending stands for, `.gz` aside.
+    pub fn from_extension(name: &str) -> Option<Self> {
+        let name = name.to_ascii_lowercase();
+        let name = name.strip_suffix(".gz").unwrap_or(&name);
+        Some(match name.rsplit_once('.')?.1 {
+            "ply" => Self::Ply,
+            "xyz" | "xyzn" | "txt" | "csv" | "tsv" | "asc" | "pts" => Self::Xyz,
+            "obj" => Self::Obj,
+            "off" => Self::Off,
+            "stl" => Self::Stl,
+            "pcd" => Self::Pcd,
+            "npy" => Self::Npy,
+            _ => return None,
+        })
+    }
+
+    /// Stable `snake_case` name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ply => "ply",
+            Self::Xyz => "xyz",
+            Self::Obj => "obj",
+            Self::Off => "off",
+            Self::Stl => "stl",
+            Self::Pcd => "pcd",
+            Self::Npy => "npy",
+        }
+    }
+
+    /// The format of a file: by its content; where that leaves it open by the name's ending; and
+    /// if that says nothing either, a table if the first line holds numbers.
+    pub(super) fn detect(bytes: &[u8], name: Option<&str>) -> Result<Self, Error> {
+        if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
+            let detail = "the file is UTF-16 text; save it as UTF-8 or ASCII";
+            return Err(Error::UnsupportedFormat(detail.to_owned()));
+        }
+        Self::from_content(bytes)
+            .or_else(|| Self::from_extension(name?))
+            .or_else(|| looks_like_table(bytes).then_some(Self::Xyz))
+            .ok_or_else(|| {
+                let detail = "the file is none of PLY, XYZ/CSV text, OBJ, OFF, STL, PCD, NPY";
+                Error::UnsupportedFormat(detail.to_owned())
+            })
+    }
+
+    fn from_content(bytes: &[u8]) -> Option<Self> {
+        let head = &bytes[..bytes.len().min(HEAD)];
+        if head.starts_with(b"\x93NUMPY") {
+            return Some(Self::Npy);
+        }
+        if head.starts_with(b"ply") && head.get(3).is_some_and(u8::is_ascii_whitespace) {
+            return Some(Self::Ply);
+        }
+        if head.starts_with(b"# .PCD") {
+            return Some(Self::Pcd);
+        }
+        if super::stl::has_binary_length(bytes) {
+            return Some(Self::Stl);
+        }
+        let line = Lines::new(head, 0).content().next()?;
+        match line.tokens().next()? {
+            b"solid" if head.windows(5).any(|word| word == b"facet") => Some(Self::Stl),
+            b"VERSION" | b"FIELDS" => Some(Self::Pcd),
+            b"v" | b"vn" | b"vt" | b"o" | b"g" | b"s" | b"mtllib" | b"usemtl" => Some(Self::Obj),
+            word if super::off::keyword(word).is_some() => Some(Self::Off),
+            _ => None,
+        }
+    }
+}
+
+fn looks_like_table(bytes: &[u8]) -> bool {
+    let head = &bytes[..bytes.len().min(HEAD)];
+    !head.contains(&0)
+        && Lines::new(head, 0)
+            .content()
+            .take(2)
+            .any(|line| line.tokens().next().and_then(parse).is_some())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn endings_name_formats() {
+        assert_eq!(
+            Format::from_extension("a.b/cloud.PLY.gz"),
+            Some(Format::Ply)
+        );
+        assert_eq!(Format::from_extension("cloud.csv"), Some(Format::Xyz));
+        assert_eq!(Format::from_extension("cloud.gz"), None);
+        assert_eq!(Format::from_extension("cloud"), None);
+    }
+
+    #[test]
+    fn content_wins_over_the_name() {
+        let format = |bytes: &[u8], name| Format::detect(bytes, name).ok();
+        assert_eq!(format(b"ply\nformat", Some("a.txt")), Some(Format::Ply));
+        assert_eq!(format(b"# note\nOFF\n", Some("a.txt")), Some(Format::Off));
+        assert_eq!(format(b"# note\n\nv 1 2 3\n", None), Some(Format::Obj));
+        assert_eq!(format(b"1 2 3\n", Some("a.off")), Some(Format::Off));
+        assert_eq!(format(b"x,y,z\n1,2,3\n", None), Some(Format::Xyz));
+        assert_eq!(format(b"PK\x03\x04\0\0", Some("a.zip")), None);
+        assert_eq!(format(b"\xff\xfe1\0 \0", Some("a.xyz")), None);
+    }
+}

@@ -1,0 +1,63 @@
+//! Vertices and vertex normals of Wavefront OBJ.
+
+use super::collector::Collector;
+use super::text::{Line, Lines, excerpt, parse};
+use super::{Error, Limits};
+use crate::reconstruction::vector::Vec3;
+
+pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>, Error> {
+    let mut points: Vec<(Vec3, usize)> = Vec::new();
+    let mut normals: Vec<Vec3> = Vec::new();
+    let mut in_step = true;
+    for line in Lines::new(bytes, 0).content() {
+        let mut tokens = line.tokens();
+        match tokens.next() {
+            Some(b"v") => {
+                if points.len() == limits.max_points {
+                    let limit = limits.max_points;
+                    return Err(Error::TooManyPoints { limit });
+                }
+                points.push((triple(line)?, line.number));
+            }
+            Some(b"vn") => normals.push(triple(line)?),
+            Some(b"f") => in_step = in_step && tokens.all(same_index),
+            _ => {}
+        }
+    }
+    // Normals have a numbering of their own; only if it is that of the vertices are they theirs.
+    let usable = in_step && normals.len() == points.len();
+    let mut collector = Collector::new(limits, usable, false);
+    if !usable && !normals.is_empty() {
+        let message = "the normals were ignored: they do not belong to the vertices one to one";
+        collector.warn("normals_ignored", message);
+        normals.clear();
+    }
+    collector.reserve(points.len())?;
+    for (i, ([x, y, z], line)) in points.into_iter().enumerate() {
+        let [nx, ny, nz] = normals.get(i).copied().unwrap_or_default();
+        collector.push(&[x, y, z, nx, ny, nz, 0.0], line)?;
+    }
+    Ok(collector)
+}
+
+/// The three numbers after the keyword; what follows them (weight, colour) is not used.
+fn triple(line: Line<'_>) -> Result<Vec3, Error> {
+    let mut tokens = line.tokens().skip(1);
+    let mut triple = [0.0; 3];
+    for value in &mut triple {
+        let Some(token) = tokens.next() else {
+            let found = excerpt(line.bytes);
+            return Err(line.error(format!("expected three numbers in \"{found}\"")));
+        };
+        *value = line.number(token)?;
+    }
+    Ok(triple)
+}
+
+/// Whether a corner of a face (`v`, `v/vt`, `v//vn`, `v/vt/vn`) has equal indices for vertex and
+/// normal.
+fn same_index(corner: &[u8]) -> bool {
+    let mut parts = corner.split(|&b| b == b'/');
+    let (vertex, normal) = (parts.next(), parts.nth(1));
+    normal.is_none_or(|normal| vertex.and_then(parse) == parse(normal))
+}

@@ -1,0 +1,186 @@
+//! The header of a PLY file: checked and cleaned by us, then parsed by `ply-rs`.
+//!
+//! `ply-rs` 0.1.3 panics on numbers beyond u64, reads lines of any length, merges properties of one
+//! name, and refuses blank lines, indentation and comments that are not UTF-8. So it is shown only
+//! headers of bounded size and plain content.
+
+use ply_rs::parser::Parser;
+use ply_rs::ply::{self, DefaultElement};
+
+use crate::reconstruction::cloud::Error;
+use crate::reconstruction::cloud::text::excerpt;
+
+const MAX_BYTES: usize = 64 << 10;
+const MAX_LINE: usize = 1 << 10;
+const MAX_ELEMENTS: usize = 16;
+const MAX_PROPERTIES: usize = 64;
+/// Digits of a count; ten are beyond what u32 indices of faces could address.
+const MAX_DIGITS: usize = 10;
+
+/// A header and where the data after it begin.
+#[derive(Debug)]
+pub(super) struct Header {
+    pub(super) definition: ply::Header,
+    /// Bytes of the header.
+    pub(super) bytes: usize,
+    /// Lines of the header.
+    pub(super) lines: usize,
+}
+
+/// Reads the header at the start of `bytes`.
+pub(super) fn read(bytes: &[u8]) -> Result<Header, Error> {
+    let mut check = Check::default();
+    // Lines end as the first one does; a binary body may begin with any byte, also a line feed.
+    let end = match bytes.get(3..5) {
+        Some([b'\r', second]) if *second != b'\n' => b'\r',
+        _ => b'\n',
+    };
+    let mut position = 0;
+    while !check.complete {
+        let rest = &bytes[position..bytes.len().min(MAX_BYTES)];
+        let Some(length) = rest.iter().take(MAX_LINE).position(|&b| b == end) else {
+            return Err(check.error("the header ends without \"end_header\"", rest));
+        };
+        check.line(&rest[..length])?;
+        position += length + 1;
+    }
+    let parser = Parser::<DefaultElement>::new();
+    let definition = parser
+        .read_header(&mut check.cleaned.as_bytes())
+        .map_err(|_| {
+            // Each line has been accepted by itself: what is left is a contradiction between them.
+            check.error(
+                "expected one format and properties after their elements",
+                b"",
+            )
+        })?;
+    Ok(Header {
+        definition,
+        bytes: position,
+        lines: check.number,
+    })
+}
+
+/// The state of the check after some lines.
+#[derive(Default)]
+struct Check {
+    /// What `ply-rs` gets to see, line for line.
+    cleaned: String,
+    number: usize,
+    /// Names of the elements with the names of their properties.
+    elements: Vec<(String, Vec<String>)>,
+    complete: bool,
+}
+
+impl Check {
+    fn line(&mut self, bytes: &[u8]) -> Result<(), Error> {
+        self.number += 1;
+        let mut words: Vec<String> = bytes
+            .split(u8::is_ascii_whitespace)
+            .filter(|word| !word.is_empty())
+            .map(clean)
+            .collect();
+        if let [keyword, .., name] = words.as_mut_slice()
+            && keyword == "property"
+        {
+            *name = identifier(name);
+        }
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        match words[..] {
+            [] | ["comment" | "obj_info", ..] => {
+                self.cleaned.push_str("comment\n");
+                return Ok(());
+            }
+            ["ply"] if self.number == 1 => {}
+            ["format", _, "1.0"] => {}
+            ["element", name, count] => self.element(name, count, bytes)?,
+            ["property", .., name] => self.property(name, bytes)?,
+            ["end_header"] => {
+                self.has_properties(bytes)?;
+                self.complete = true;
+            }
+            _ => return Err(self.error("expected a line of a PLY header", bytes)),
+        }
+        let line = words.join(" ");
+        if Parser::<DefaultElement>::new()
+            .read_header_line(&line)
+            .is_err()
+        {
+            return Err(self.error("expected a line of a PLY header", bytes));
+        }
+        self.cleaned.push_str(&line);
+        self.cleaned.push('\n');
+        Ok(())
+    }
+
+    fn element(&mut self, name: &str, count: &str, line: &[u8]) -> Result<(), Error> {
+        self.has_properties(line)?;
+        if count.len() > MAX_DIGITS || !count.bytes().all(|b| b.is_ascii_digit()) {
+            return Err(self.error("expected a count of at most 10 digits", line));
+        }
+        if self.elements.len() == MAX_ELEMENTS {
+            return Err(self.error("more than 16 elements", line));
+        }
+        if self.elements.iter().any(|(known, _)| known == name) {
+            return Err(self.error("two elements of one name", line));
+        }
+        self.elements.push((name.to_owned(), Vec::new()));
+        Ok(())
+    }
+
+    fn property(&mut self, name: &str, line: &[u8]) -> Result<(), Error> {
+        let Some((_, properties)) = self.elements.last_mut() else {
+            return Err(self.error("a property before the first element", line));
+        };
+        if properties.iter().any(|known| known == name) {
+            return Err(self.error("two properties of one name", line));
+        }
+        if properties.len() == MAX_PROPERTIES {
+            return Err(self.error("more than 64 properties", line));
+        }
+        properties.push(name.to_owned());
+        Ok(())
+    }
+
+    /// An element without properties takes no bytes, so that its count could not be bounded.
+    fn has_properties(&self, line: &[u8]) -> Result<(), Error> {
+        match self.elements.last() {
+            Some((_, properties)) if properties.is_empty() => {
+                Err(self.error("the element before has no properties", line))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn error(&self, detail: &str, line: &[u8]) -> Error {
+        let found = match line.trim_ascii() {
+            [] => String::new(),
+            line => format!(", found \"{}\"", excerpt(line)),
+        };
+        Error::Header {
+            line: self.number.max(1),
+            detail: format!("{detail}{found}"),
+        }
+    }
+}
+
+/// A name of a property as `ply-rs` takes it: no dots, and a letter first.
+fn identifier(name: &str) -> String {
+    let prefix = match name.as_bytes() {
+        [first, ..] if first.is_ascii_alphabetic() => "",
+        _ => "_",
+    };
+    format!("{prefix}{}", name.replace('.', "_"))
+}
+
+/// A word with characters that `ply-rs` does not take replaced.
+fn clean(word: &[u8]) -> String {
+    let known = |&b: &u8| {
+        if b.is_ascii_alphanumeric() || b"_-.".contains(&b) {
+            char::from(b)
+        } else {
+            '_'
+        }
+    };
+    word.iter().map(known).collect()
+}

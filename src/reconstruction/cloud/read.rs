@@ -1,0 +1,115 @@
+//! From the bytes of a file to a cloud: unpacking, choice of the format, limits.
+
+use std::io::Read;
+
+use flate2::read::MultiGzDecoder;
+use serde::Serialize;
+
+use super::{Error, Format, PointCloud, npy, obj, off, pcd, ply, stl, xyz};
+use crate::reconstruction::Warning;
+
+/// What a file may cost.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Limits {
+    /// Most points.
+    pub max_points: usize,
+    /// Most bytes after decompression.
+    pub max_expanded_bytes: usize,
+    /// Most bytes after decompression for each byte before; files that expand to less than 1 MiB
+    /// are exempt.
+    pub max_expansion: f64,
+}
+
+impl Default for Limits {
+    /// 5 million points and 512 MiB, which fit a small server, and a factor of 100: measurements
+    /// compress by 2 to 10, even regular grids written as text seldom by more than 50.
+    fn default() -> Self {
+        Self {
+            max_points: 5_000_000,
+            max_expanded_bytes: 512 << 20,
+            max_expansion: 100.0,
+        }
+    }
+}
+
+impl Limits {
+    /// Most bytes that `packed` compressed bytes may expand to.
+    pub(super) fn expanded(&self, packed: usize) -> usize {
+        const ALWAYS_ALLOWED: usize = 1 << 20;
+        let by_ratio = (packed as f64 * self.max_expansion) as usize;
+        by_ratio.max(ALWAYS_ALLOWED).min(self.max_expanded_bytes)
+    }
+}
+
+/// How a cloud was read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Source {
+    /// Format of the file.
+    pub format: Format,
+    /// Whether it was gzipped.
+    pub gzipped: bool,
+    /// Points that were left out because a coordinate is NaN or infinite.
+    pub dropped_non_finite: usize,
+    /// What the user should know.
+    pub warnings: Vec<Warning>,
+}
+
+/// Reads a cloud from the bytes of a file; `name` is the file's name, if known.
+///
+/// Declared counts are believed only as far as there are bytes for them: memory stays below a small
+/// multiple of the (expanded) input, about 20 for the densest encoding.
+///
+/// # Errors
+/// Everything of [`Error`] except what [`PointCloud::validate`] is there for.
+pub fn read(
+    bytes: &[u8],
+    name: Option<&str>,
+    limits: &Limits,
+) -> Result<(PointCloud, Source), Error> {
+    let gzipped = bytes.starts_with(&[0x1f, 0x8b]);
+    let expanded;
+    let mut bytes = bytes;
+    if gzipped {
+        expanded = expand(bytes, limits)?;
+        bytes = &expanded;
+    }
+    bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    if bytes.trim_ascii().is_empty() {
+        return Err(Error::Empty);
+    }
+    let format = Format::detect(bytes, name)?;
+    let collector = match format {
+        Format::Ply => ply::read(bytes, limits),
+        Format::Xyz => xyz::read(bytes, limits),
+        Format::Obj => obj::read(bytes, limits),
+        Format::Off => off::read(bytes, limits),
+        Format::Stl => stl::read(bytes, limits),
+        Format::Pcd => pcd::read(bytes, limits),
+        Format::Npy => npy::read(bytes, limits),
+    }?;
+    let (cloud, dropped_non_finite, warnings) = collector.finish()?;
+    let source = Source {
+        format,
+        gzipped,
+        dropped_non_finite,
+        warnings,
+    };
+    Ok((cloud, source))
+}
+
+fn expand(packed: &[u8], limits: &Limits) -> Result<Vec<u8>, Error> {
+    let limit = limits.expanded(packed.len());
+    let mut expanded = Vec::new();
+    let mut reader = MultiGzDecoder::new(packed).take(limit as u64 + 1);
+    reader.read_to_end(&mut expanded).map_err(|error| {
+        Error::Compression(match error.kind() {
+            std::io::ErrorKind::UnexpectedEof => "the file is cut short".to_owned(),
+            _ => format!("the file is damaged ({error})"),
+        })
+    })?;
+    if expanded.len() > limit {
+        let detail = format!("the file expands to more than {limit} bytes");
+        return Err(Error::Compression(detail));
+    }
+    Ok(expanded)
+}

@@ -1,0 +1,221 @@
+//! Distances between points and surfaces, exact: to the closest point of a triangle, not to the
+//! closest vertex or sample.
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use parry3d_f64::math::Vector;
+use parry3d_f64::query::PointQueryWithLocation;
+use parry3d_f64::shape::TriMesh;
+use rand::RngExt;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::TriangleMesh;
+use crate::reconstruction::random::Generator;
+use crate::reconstruction::vector::{Vec3, along, distance, sub};
+
+/// The point of a mesh that is closest to another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Closest {
+    /// Its distance; infinite from a point that is not finite.
+    pub distance: f64,
+    /// The triangle that it lies on.
+    pub triangle: usize,
+}
+
+/// Finds the closest point of a mesh.
+pub struct SurfaceTree {
+    shape: TriMesh,
+    /// Middle of the mesh: the tree holds coordinates relative to it, so that a far origin costs
+    /// no digits.
+    origin: Vec3,
+    /// Number in the mesh of each triangle of the tree, which holds none without area.
+    triangles: Vec<u32>,
+}
+
+impl SurfaceTree {
+    /// Indexes `mesh`; `None` where no triangle has an area.
+    ///
+    /// # Cost
+    /// O(n log n) for n triangles.
+    pub fn new(mesh: &TriangleMesh) -> Option<Self> {
+        let origin = mesh.bounds()?.centre();
+        let triangles: Vec<u32> = (0..mesh.triangles.len())
+            .filter(|&t| mesh.triangle_area(t) > 0.0)
+            .map(|t| t as u32)
+            .collect();
+        let positions = mesh
+            .vertices
+            .iter()
+            .map(|&v| Vector::from(sub(v, origin)))
+            .collect();
+        let indices = triangles
+            .iter()
+            .map(|&t| mesh.triangles[t as usize])
+            .collect();
+        let shape = TriMesh::new(positions, indices).ok()?;
+        Some(Self {
+            shape,
+            origin,
+            triangles,
+        })
+    }
+
+    /// The point of the mesh that is closest to `point`.
+    pub fn closest(&self, point: Vec3) -> Closest {
+        let point = Vector::from(sub(point, self.origin));
+        let found = self
+            .shape
+            .project_local_point_and_get_location_with_max_dist(point, false, f64::MAX);
+        match found {
+            Some((projection, (triangle, _))) => Closest {
+                distance: (projection.point - point).length(),
+                triangle: self.triangles[triangle as usize] as usize,
+            },
+            None => Closest {
+                distance: f64::INFINITY,
+                triangle: self.triangles[0] as usize,
+            },
+        }
+    }
+
+    /// [`closest`](Self::closest) for each of `points`, in their order, on all threads.
+    pub fn closest_to_each(&self, points: &[Vec3]) -> Vec<Closest> {
+        points.par_iter().map(|&p| self.closest(p)).collect()
+    }
+
+    /// Distance of each of `points` from the mesh, in their order.
+    pub fn distances(&self, points: &[Vec3]) -> Vec<f64> {
+        points
+            .par_iter()
+            .map(|&p| self.closest(p).distance)
+            .collect()
+    }
+}
+
+/// Finds the nearest of some points.
+pub struct PointTree<'a> {
+    tree: ImmutableKdTree<f64, 3>,
+    points: &'a [Vec3],
+}
+
+impl<'a> PointTree<'a> {
+    /// Indexes `points`, which are finite; `None` without points.
+    pub fn new(points: &'a [Vec3]) -> Option<Self> {
+        if points.is_empty() {
+            return None;
+        }
+        let tree = ImmutableKdTree::new_from_slice(points).ok()?;
+        Some(Self { tree, points })
+    }
+
+    /// Distance of each of `points` from the nearest indexed point, in their order, on all threads.
+    pub fn distances(&self, points: &[Vec3]) -> Vec<f64> {
+        let nearest = |p: &Vec3| {
+            let found = self
+                .tree
+                .query(p)
+                .nearest_one::<SquaredEuclidean<f64>>()
+                .execute();
+            distance(*p, self.points[found.item as usize])
+        };
+        points.par_iter().map(nearest).collect()
+    }
+}
+
+/// A point drawn from a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePoint {
+    /// Where it is.
+    pub position: Vec3,
+    /// The triangle that it lies on.
+    pub triangle: usize,
+}
+
+/// `count` points, uniform by area; none where the mesh has no area.
+///
+/// One point from each of `count` equal shares of the area, in the order of the triangles: the same
+/// distribution as independent draws, and means over it scatter less.
+pub fn sample_surface(
+    mesh: &TriangleMesh,
+    count: usize,
+    generator: &mut Generator,
+) -> Vec<SurfacePoint> {
+    let cumulative: Vec<f64> = (0..mesh.triangles.len())
+        .scan(0.0, |sum, t| {
+            *sum += mesh.triangle_area(t);
+            Some(*sum)
+        })
+        .collect();
+    let Some(&total) = cumulative.last().filter(|&&total| total > 0.0) else {
+        return Vec::new();
+    };
+    (0..count)
+        .map(|share| {
+            let area = (share as f64 + generator.random::<f64>()) / count as f64 * total;
+            // The last triangle with an area takes what rounding lifts to the total itself.
+            let triangle = cumulative
+                .partition_point(|&sum| sum <= area)
+                .min(cumulative.partition_point(|&sum| sum < total));
+            let [a, b, c] = mesh.corners(triangle);
+            let from_a = generator.random::<f64>().sqrt();
+            let towards_c = generator.random::<f64>();
+            let on_edge = along(b, towards_c, sub(c, b));
+            SurfacePoint {
+                position: along(a, from_a, sub(on_edge, a)),
+                triangle,
+            }
+        })
+        .collect()
+}
+
+/// Distances of many points, summed up; absolute and in percent of a reference length.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Distances {
+    /// Mean.
+    pub mean: f64,
+    /// Root of the mean square.
+    pub rms: f64,
+    /// 95th percentile, linear between the two nearest ranks.
+    pub p95: f64,
+    /// Largest.
+    pub max: f64,
+    /// Mean, in percent of the reference length.
+    pub mean_percent: f64,
+    /// Root of the mean square, in percent of the reference length.
+    pub rms_percent: f64,
+    /// 95th percentile, in percent of the reference length.
+    pub p95_percent: f64,
+    /// Largest, in percent of the reference length.
+    pub max_percent: f64,
+}
+
+impl Distances {
+    /// Sums up `distances` against the length `reference`; `None` without distances.
+    pub fn of(distances: &[f64], reference: f64) -> Option<Self> {
+        if distances.is_empty() {
+            return None;
+        }
+        let n = distances.len() as f64;
+        let mut sorted = distances.to_vec();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let rank = 0.95 * (n - 1.0);
+        let below = sorted[rank.floor() as usize];
+        let above = sorted[rank.ceil() as usize];
+
+        let mean = distances.iter().sum::<f64>() / n;
+        let rms = (distances.iter().map(|d| d * d).sum::<f64>() / n).sqrt();
+        let p95 = below + rank.fract() * (above - below);
+        let max = sorted[sorted.len() - 1];
+        let percent = 100.0 / reference;
+        Some(Self {
+            mean,
+            rms,
+            p95,
+            max,
+            mean_percent: mean * percent,
+            rms_percent: rms * percent,
+            p95_percent: p95 * percent,
+            max_percent: max * percent,
+        })
+    }
+}

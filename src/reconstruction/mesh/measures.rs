@@ -1,0 +1,94 @@
+//! Size of a mesh: bounds, area, volume; and the choice of components.
+
+use super::TriangleMesh;
+use crate::reconstruction::vector::{Bounds, Vec3, cross, dot, norm, scale, sub};
+
+impl TriangleMesh {
+    /// Positions of the three vertices of triangle `t`.
+    pub fn corners(&self, t: usize) -> [Vec3; 3] {
+        self.triangles[t].map(|v| self.vertices[v as usize])
+    }
+
+    /// Half the cross product of two edges of triangle `t`: outward, as long as its area.
+    pub fn area_vector(&self, t: usize) -> Vec3 {
+        let [a, b, c] = self.corners(t);
+        scale(cross(sub(b, a), sub(c, a)), 0.5)
+    }
+
+    /// Area of triangle `t`.
+    pub fn triangle_area(&self, t: usize) -> f64 {
+        norm(self.area_vector(t))
+    }
+
+    /// Smallest box around the triangles, or around the vertices where there are no triangles.
+    pub fn bounds(&self) -> Option<Bounds> {
+        if self.triangles.is_empty() {
+            return Bounds::of(&self.vertices);
+        }
+        let used = self.triangles.iter().flatten();
+        Bounds::of(used.map(|&v| &self.vertices[v as usize]))
+    }
+
+    /// Sum of the areas of all triangles.
+    pub fn area(&self) -> f64 {
+        (0..self.triangles.len())
+            .map(|t| self.triangle_area(t))
+            .sum()
+    }
+
+    /// Enclosed volume, positive where the triangles face outwards; of a closed mesh only.
+    ///
+    /// V = Σ a·(b × c) / 6 over the triangles (divergence theorem), with the origin in the middle
+    /// of the mesh: far from it the terms would be much larger than their sum.
+    pub fn volume(&self) -> f64 {
+        let Some(centre) = self.bounds().map(|bounds| bounds.centre()) else {
+            return 0.0;
+        };
+        let six_volumes: f64 = (0..self.triangles.len())
+            .map(|t| {
+                let [a, b, c] = self.corners(t).map(|v| sub(v, centre));
+                dot(a, cross(b, c))
+            })
+            .sum();
+        six_volumes / 6.0
+    }
+
+    /// Area of each of `count` components; `ids` as [`components`](super::components) gives them.
+    pub fn component_areas(&self, ids: &[u32], count: usize) -> Vec<f64> {
+        let mut areas = vec![0.0; count];
+        for (t, &id) in ids.iter().enumerate() {
+            areas[id as usize] += self.triangle_area(t);
+        }
+        areas
+    }
+
+    /// Keeps the triangles whose component `keep` approves and the vertices that they use, in
+    /// their order; `ids` as [`components`](super::components) gives them.
+    pub fn retain_components(&mut self, keep: &[bool], ids: &[u32]) {
+        let mut kept = ids.iter().map(|&id| keep[id as usize]);
+        self.triangles.retain(|_| kept.next().unwrap_or(true));
+        self.drop_unused_vertices();
+    }
+
+    fn drop_unused_vertices(&mut self) {
+        let mut used = vec![false; self.vertices.len()];
+        for &v in self.triangles.iter().flatten() {
+            used[v as usize] = true;
+        }
+        let moved_to: Vec<u32> = used
+            .iter()
+            .scan(0, |next, &used| {
+                let index = *next;
+                *next += u32::from(used);
+                Some(index)
+            })
+            .collect();
+        for v in self.triangles.iter_mut().flatten() {
+            *v = moved_to[*v as usize];
+        }
+        for attribute in [&mut self.vertices, &mut self.normals] {
+            let mut used = used.iter();
+            attribute.retain(|_| used.next().is_none_or(|&used| used));
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! The formats that meshes are written to, streamed: no file is ever held in memory as a whole.
+//!
+//! The same mesh gives the same bytes: no file carries a date, a path or a version.
+
+mod glb;
+mod obj;
+mod off;
+mod ply;
+mod stl;
+
+use std::fmt::Display;
+use std::io::{self, BufWriter, Write};
+
+use serde::{Deserialize, Serialize};
+
+use super::TriangleMesh;
+use crate::reconstruction::vector::Vec3;
+
+/// A file format for meshes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Format {
+    /// PLY, binary, little-endian; with normals.
+    #[default]
+    #[serde(rename = "ply")]
+    PlyBinary,
+    /// PLY as text; with normals.
+    PlyAscii,
+    /// Wavefront OBJ; with normals.
+    Obj,
+    /// STL, binary: 32-bit coordinates without shared vertices, so far from the origin it loses
+    /// digits that the other formats keep.
+    Stl,
+    /// Geomview OFF; NOFF with normals.
+    Off,
+    /// glTF 2.0 in one binary file; with normals.
+    Glb,
+}
+
+impl Format {
+    /// All formats.
+    pub const ALL: [Self; 6] = [
+        Self::PlyBinary,
+        Self::PlyAscii,
+        Self::Obj,
+        Self::Stl,
+        Self::Off,
+        Self::Glb,
+    ];
+
+    /// Its name in JSON, on the command line and in URLs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PlyBinary => "ply",
+            Self::PlyAscii => "ply_ascii",
+            Self::Obj => "obj",
+            Self::Stl => "stl",
+            Self::Off => "off",
+            Self::Glb => "glb",
+        }
+    }
+
+    /// The format of this name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|format| format.name() == name)
+    }
+
+    /// The format that a file name with this ending asks for, with or without the dot, in any
+    /// case; `ply` is binary.
+    pub fn from_extension(extension: &str) -> Option<Self> {
+        let extension = extension.trim_start_matches('.').to_ascii_lowercase();
+        Self::ALL
+            .into_iter()
+            .find(|format| format.extension() == extension)
+    }
+
+    /// Ending of its file names, without the dot.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::PlyBinary | Self::PlyAscii => "ply",
+            Self::Obj => "obj",
+            Self::Stl => "stl",
+            Self::Off => "off",
+            Self::Glb => "glb",
+        }
+    }
+
+    /// Media type; PLY and OFF have no registered one.
+    pub fn media_type(self) -> &'static str {
+        match self {
+            Self::PlyBinary | Self::PlyAscii => "application/x-ply",
+            Self::Obj => "model/obj",
+            Self::Stl => "model/stl",
+            Self::Off => "application/x-off",
+            Self::Glb => "model/gltf-binary",
+        }
+    }
+}
+
+/// Writes `mesh` to `out`, buffered.
+///
+/// # Errors
+/// What `out` reports; `InvalidInput` where the mesh has more than the 32-bit counts of STL and GLB
+/// can hold.
+pub fn write(mesh: &TriangleMesh, format: Format, out: &mut dyn Write) -> io::Result<()> {
+    let mut out = BufWriter::with_capacity(1 << 16, out);
+    match format {
+        Format::PlyBinary => ply::write_binary(mesh, &mut out),
+        Format::PlyAscii => ply::write_ascii(mesh, &mut out),
+        Format::Obj => obj::write(mesh, &mut out),
+        Format::Stl => stl::write(mesh, &mut out),
+        Format::Off => off::write(mesh, &mut out),
+        Format::Glb => glb::write(mesh, &mut out),
+    }?;
+    out.flush()
+}
+
+/// Whether 32-bit coordinates keep the vertices to a millionth of the diagonal. A mesh around the
+/// origin always passes; one whose coordinates are some ten times its size or more does not.
+fn fits_f32(mesh: &TriangleMesh) -> bool {
+    let Some(bounds) = mesh.bounds() else {
+        return true;
+    };
+    let largest = [bounds.min, bounds.max]
+        .into_iter()
+        .flatten()
+        .fold(0.0, |largest: f64, v| largest.max(v.abs()));
+    // Rounding to 24 bits moves a number by at most 2⁻²⁴ of itself, and a tiny one by 2⁻¹⁵⁰.
+    let rounding = (largest * 2f64.powi(-24)).max(2f64.powi(-150));
+    rounding <= 1e-6 * bounds.diagonal()
+}
+
+/// Whether every vertex has a normal.
+fn has_normals(mesh: &TriangleMesh) -> bool {
+    !mesh.normals.is_empty() && mesh.normals.len() == mesh.vertices.len()
+}
+
+fn to_f32(v: Vec3) -> [f32; 3] {
+    v.map(|v| v as f32)
+}
+
+fn write_f32(v: [f32; 3], out: &mut impl Write) -> io::Result<()> {
+    v.iter().try_for_each(|v| out.write_all(&v.to_le_bytes()))
+}
+
+/// The shortest decimals that read back as the same numbers, between blanks.
+fn write_text<T: Display>([x, y, z]: [T; 3], out: &mut impl Write) -> io::Result<()> {
+    write!(out, "{x} {y} {z}")
+}
+
+/// A count as the 32 bits that the format has for it.
+fn count_u32(count: usize) -> io::Result<u32> {
+    u32::try_from(count).map_err(|_| {
+        io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "the mesh is too large for this format; write it as ply",
+        )
+    })
+}

@@ -1,0 +1,109 @@
+//! The shape of a network, and where each layer lies in its flat parameter vector.
+
+use std::ops::Range;
+
+use super::Scalar;
+use crate::reconstruction::settings::{Network, Scheme};
+
+/// Fully connected network: `hidden_layers` layers of equal width and a linear output
+/// ([N24] section 2).
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Architecture {
+    /// Residual scheme of the hidden layers.
+    pub scheme: Scheme,
+    /// Neurons of each hidden layer, at least 1.
+    pub width: usize,
+    /// Number of hidden layers, at least 1.
+    pub hidden_layers: usize,
+    /// `hw` and `sqrhw` put the residual on hidden layers 1, 1 + n, 1 + 2n, ….
+    pub residual_every: usize,
+}
+
+/// One affine map z = W a + b.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Layer {
+    /// `linear.0`, … to the output; `gate.0`, … from the second hidden layer (`highway`).
+    pub name: String,
+    /// Length of z.
+    pub rows: usize,
+    /// Length of a.
+    pub columns: usize,
+    /// Where W lies in the parameters, row by row.
+    pub weight: Range<usize>,
+    /// Where b lies in the parameters.
+    pub bias: Range<usize>,
+}
+
+impl Architecture {
+    /// The shape that the settings ask for.
+    pub fn new(network: &Network) -> Self {
+        Self {
+            scheme: network.scheme,
+            width: network.width,
+            hidden_layers: network.hidden_layers,
+            residual_every: network.residual_every,
+        }
+    }
+
+    /// All layers in the order of their parameters, which is that of PyTorch's `parameters()`:
+    /// weight and bias of each linear layer from input to output, then those of the gates.
+    pub fn layers(&self) -> Vec<Layer> {
+        let width = self.width;
+        let linear = (0..=self.hidden_layers).map(|k| {
+            let columns = if k == 0 { 3 } else { width };
+            let rows = if k == self.hidden_layers { 1 } else { width };
+            (format!("linear.{k}"), rows, columns)
+        });
+        let gates = (0..self.gates()).map(|k| (format!("gate.{k}"), width, width));
+        let mut start = 0;
+        linear
+            .chain(gates)
+            .map(|(name, rows, columns)| {
+                let weight = start..start + rows * columns;
+                let bias = weight.end..weight.end + rows;
+                start = bias.end;
+                Layer {
+                    name,
+                    rows,
+                    columns,
+                    weight,
+                    bias,
+                }
+            })
+            .collect()
+    }
+
+    /// Number of gate layers.
+    fn gates(&self) -> usize {
+        match self.scheme {
+            Scheme::Highway => self.hidden_layers.saturating_sub(1),
+            _ => 0,
+        }
+    }
+
+    /// Length of the parameter vector.
+    pub fn parameter_count(&self) -> usize {
+        self.layers().last().map_or(0, |layer| layer.bias.end)
+    }
+
+    /// Whether hidden layer `h`, counted from 1, is more than tanh z.
+    pub fn carries_residual(&self, h: usize) -> bool {
+        match self.scheme {
+            Scheme::Plain => false,
+            // The first layer changes the dimension, so there is nothing of its length to carry.
+            Scheme::Resnet | Scheme::Highway => h >= 2,
+            Scheme::Hw | Scheme::Sqrhw => (h - 1).is_multiple_of(self.residual_every),
+        }
+    }
+
+    /// Frobenius norm of each layer's weights, in the order of [`Self::layers`].
+    pub fn weight_norms<T: Scalar>(&self, parameters: &[T]) -> Vec<f64> {
+        self.layers()
+            .into_iter()
+            .map(|layer| {
+                let weights = parameters[layer.weight].iter();
+                weights.map(|w| w.to_f64().powi(2)).sum::<f64>().sqrt()
+            })
+            .collect()
+    }
+}

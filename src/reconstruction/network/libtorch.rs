@@ -1,0 +1,244 @@
+//! The reference engine: libtorch's tensors and automatic differentiation, every scheme, both
+//! precisions.
+//!
+//! The number of threads is global to libtorch and is set by whoever starts the run
+//! (`tch::set_num_threads`). With the same number the same bits come out.
+
+use std::marker::PhantomData;
+
+use tch::{TchError, Tensor, no_grad};
+
+use super::{Architecture, Engine, Scalar};
+use crate::reconstruction::error::Error;
+use crate::reconstruction::sampling::Samples;
+use crate::reconstruction::settings::Scheme;
+use crate::reconstruction::surface::Field;
+use crate::reconstruction::vector::Vec3;
+
+/// Points of a field that are evaluated at once: activations of 50 neurons stay in the cache.
+const CHUNK: usize = 8192;
+
+/// A network and its samples in libtorch.
+#[derive(Debug)]
+pub struct Libtorch<T> {
+    architecture: Architecture,
+    training: Batch,
+    validation: Batch,
+    scalar: PhantomData<T>,
+}
+
+impl<T: Scalar> Libtorch<T> {
+    /// An engine over these samples. Without validation samples there is no validation loss.
+    ///
+    /// # Errors
+    /// When libtorch refuses a tensor.
+    pub fn new(
+        architecture: Architecture,
+        training: &Samples,
+        validation: &Samples,
+    ) -> Result<Self, Error> {
+        Ok(Self {
+            architecture,
+            training: Batch::new::<T>(training)?,
+            validation: Batch::new::<T>(validation)?,
+            scalar: PhantomData,
+        })
+    }
+}
+
+impl<T: Scalar> Engine<T> for Libtorch<T> {
+    fn architecture(&self) -> &Architecture {
+        &self.architecture
+    }
+
+    fn training_samples(&self) -> usize {
+        self.training.count
+    }
+
+    fn validation_samples(&self) -> usize {
+        self.validation.count
+    }
+
+    fn loss_and_gradient(&self, parameters: &[T], gradient: &mut [T]) -> Result<f64, Error> {
+        let flat = Tensor::f_from_slice(parameters)?.f_set_requires_grad(true)?;
+        let network = Network::new(&self.architecture, &flat)?;
+        let loss = self.training.loss(&network)?;
+        let derivative = Tensor::f_run_backward(&[&loss], &[&flat], false, false)?;
+        derivative[0].f_copy_data(gradient, parameters.len())?;
+        Ok(loss.f_double_value(&[])?)
+    }
+
+    fn validation_loss(&self, parameters: &[T]) -> Result<Option<f64>, Error> {
+        if self.validation.count == 0 {
+            return Ok(None);
+        }
+        no_grad(|| {
+            let flat = Tensor::f_from_slice(parameters)?;
+            let network = Network::new(&self.architecture, &flat)?;
+            Ok(Some(self.validation.loss(&network)?.f_double_value(&[])?))
+        })
+    }
+
+    fn field(&self, parameters: &[T]) -> Result<Box<dyn Field + '_>, Error> {
+        let flat = Tensor::f_from_slice(parameters)?;
+        Ok(Box::new(NetworkField {
+            network: Network::new(&self.architecture, &flat)?,
+            scalar: PhantomData::<T>,
+        }))
+    }
+}
+
+/// Samples as tensors: points [n, 3], targets and weights [n, 1].
+#[derive(Debug)]
+struct Batch {
+    points: Tensor,
+    targets: Tensor,
+    /// None when all are 1, as in [N24]: one pass less.
+    weights: Option<Tensor>,
+    count: usize,
+}
+
+impl Batch {
+    fn new<T: Scalar>(samples: &Samples) -> Result<Self, TchError> {
+        let column = |values: &[f64]| {
+            let values: Vec<T> = values.iter().map(|v| T::from_f64(*v)).collect();
+            Tensor::f_from_slice(&values)?.f_view((-1, 1))
+        };
+        let weighted = samples.weights.iter().any(|w| (w - 1.0).abs() > 0.0);
+        Ok(Self {
+            points: points_tensor::<T>(&samples.points)?,
+            targets: column(&samples.targets)?,
+            weights: weighted.then(|| column(&samples.weights)).transpose()?,
+            count: samples.points.len(),
+        })
+    }
+
+    /// Mean weighted squared error.
+    fn loss(&self, network: &Network) -> Result<Tensor, TchError> {
+        let square = network
+            .values(&self.points)?
+            .f_sub(&self.targets)?
+            .f_square()?;
+        match &self.weights {
+            Some(weights) => square.f_mul(weights)?.f_mean(None),
+            None => square.f_mean(None),
+        }
+    }
+}
+
+fn points_tensor<T: Scalar>(points: &[Vec3]) -> Result<Tensor, TchError> {
+    let flat = points.as_flattened();
+    let flat: Vec<T> = flat.iter().map(|v| T::from_f64(*v)).collect();
+    Tensor::f_from_slice(&flat)?.f_view((points.len() as i64, 3))
+}
+
+/// The layers as views into one tensor of parameters, so that one backward pass gives the flat
+/// gradient.
+#[derive(Debug)]
+struct Network<'a> {
+    architecture: &'a Architecture,
+    /// Weight [rows, columns] and bias [rows] of the linear layers, then of the gates.
+    layers: Vec<(Tensor, Tensor)>,
+}
+
+impl<'a> Network<'a> {
+    fn new(architecture: &'a Architecture, flat: &Tensor) -> Result<Self, TchError> {
+        let layers = architecture.layers();
+        let sizes: Vec<i64> = layers
+            .iter()
+            .flat_map(|layer| [layer.weight.len() as i64, layer.bias.len() as i64])
+            .collect();
+        let mut parts = flat.f_split_with_sizes(&sizes, 0)?.into_iter();
+        let layers = layers
+            .iter()
+            .map_while(|layer| Some((layer, parts.next()?, parts.next()?)))
+            .map(|(layer, weight, bias)| {
+                let shape = (layer.rows as i64, layer.columns as i64);
+                Ok((weight.f_view(shape)?, bias))
+            })
+            .collect::<Result<_, TchError>>()?;
+        Ok(Self {
+            architecture,
+            layers,
+        })
+    }
+
+    /// f at points [n, 3], as [n, 1].
+    fn values(&self, points: &Tensor) -> Result<Tensor, TchError> {
+        let hidden_layers = self.architecture.hidden_layers;
+        let mut a = points.shallow_clone();
+        for h in 1..=hidden_layers {
+            let z = self.affine(h - 1, &a)?;
+            let tanh = z.f_tanh()?;
+            a = if !self.architecture.carries_residual(h) {
+                tanh
+            } else {
+                match self.architecture.scheme {
+                    Scheme::Plain => tanh,
+                    Scheme::Resnet => tanh.f_add(&a)?,
+                    Scheme::Highway => {
+                        // Gate k stands on hidden layer k + 2, behind the linear layers and the output.
+                        let gate = self.affine(hidden_layers + h - 1, &a)?.f_sigmoid()?;
+                        a.f_lerp_tensor(&tanh, &gate)?
+                    }
+                    Scheme::Hw => tanh.f_add(&z)?,
+                    Scheme::Sqrhw => tanh.f_addcmul(&z, &z)?,
+                }
+            };
+        }
+        self.affine(hidden_layers, &a)
+    }
+
+    fn affine(&self, layer: usize, a: &Tensor) -> Result<Tensor, TchError> {
+        let (weight, bias) = &self.layers[layer];
+        a.f_linear(weight, Some(bias))
+    }
+}
+
+/// A network with fixed parameters.
+struct NetworkField<'a, T> {
+    network: Network<'a>,
+    scalar: PhantomData<T>,
+}
+
+impl<T: Scalar> Field for NetworkField<'_, T> {
+    fn values(&self, points: &[Vec3], values: &mut [f64]) -> Result<(), Error> {
+        no_grad(|| {
+            for (points, values) in points.chunks(CHUNK).zip(values.chunks_mut(CHUNK)) {
+                let f = self.network.values(&points_tensor::<T>(points)?)?;
+                copy_to::<T>(&f, values)?;
+            }
+            Ok(())
+        })
+    }
+
+    fn values_and_gradients(
+        &self,
+        points: &[Vec3],
+        values: &mut [f64],
+        gradients: &mut [Vec3],
+    ) -> Result<(), Error> {
+        let chunks = points
+            .chunks(CHUNK)
+            .zip(values.chunks_mut(CHUNK))
+            .zip(gradients.chunks_mut(CHUNK));
+        for ((points, values), gradients) in chunks {
+            let points = points_tensor::<T>(points)?.f_set_requires_grad(true)?;
+            let f = self.network.values(&points)?;
+            // Each value depends on its own point only: the gradient of the sum has all of them.
+            let derivative = Tensor::f_run_backward(&[&f.f_sum(None)?], &[&points], false, false)?;
+            copy_to::<T>(&f, values)?;
+            copy_to::<T>(&derivative[0], gradients.as_flattened_mut())?;
+        }
+        Ok(())
+    }
+}
+
+fn copy_to<T: Scalar>(tensor: &Tensor, values: &mut [f64]) -> Result<(), TchError> {
+    let mut buffer = vec![T::ZERO; values.len()];
+    tensor.f_copy_data(&mut buffer, values.len())?;
+    for (value, v) in values.iter_mut().zip(buffer) {
+        *value = v.to_f64();
+    }
+    Ok(())
+}

@@ -1,0 +1,356 @@
+//! The report of a run: its quality, and the record that makes it again.
+
+use serde::{Deserialize, Serialize};
+
+use super::cloud::{Label, PointCloud};
+use super::error::Error;
+use super::mesh::TriangleMesh;
+use super::observer::{Observer, Phase, Warning};
+use super::quality::{self, Comparison, Judge, MeshReport};
+use super::sampling::{Counts, Frame, NormalSource, Prepared};
+use super::settings::Settings;
+use super::surface::{Dropped, Extraction, Field};
+use super::training::{Termination, Trained};
+use super::vector::Vec3;
+
+/// A file that a run read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Input {
+    /// Its name, without folders; empty where it is not kept.
+    pub name: String,
+    /// SHA-256 of its bytes, hexadecimal.
+    pub sha256: String,
+    /// Its length in bytes.
+    pub bytes: u64,
+    /// Points read from it.
+    pub points: usize,
+}
+
+/// How the training ended.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrainingReport {
+    /// Why it ended.
+    pub termination: Termination,
+    /// Accepted iterations.
+    pub iterations: u64,
+    /// Evaluations of loss and gradient.
+    pub evaluations: u64,
+    /// Evaluation at which the parameters that were kept had been reached.
+    pub kept_evaluation: u64,
+    /// Mean weighted squared error on the training samples, of the parameters that were kept.
+    pub loss: f64,
+    /// The same on the validation samples; none without a hold-out.
+    pub validation_loss: Option<f64>,
+}
+
+impl TrainingReport {
+    pub(super) fn new<T>(trained: &Trained<T>) -> Self {
+        Self {
+            termination: trained.termination,
+            iterations: trained.iterations,
+            evaluations: trained.evaluations,
+            kept_evaluation: trained.parameters_evaluation,
+            loss: trained.loss,
+            validation_loss: trained.validation_loss,
+        }
+    }
+}
+
+/// How the surface was extracted; lengths and areas in units of the input.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SurfaceReport {
+    /// Grid points along each axis.
+    pub grid_points: [usize; 3],
+    /// Edge of a grid cell.
+    pub grid_spacing: f64,
+    /// Grid points at which f was evaluated.
+    pub field_evaluations: u64,
+    /// Vertices where the surface left the grid and was closed.
+    pub closing_vertices: usize,
+    /// Components that were dropped.
+    pub dropped_components: usize,
+    /// Their triangles.
+    pub dropped_triangles: usize,
+    /// Their area.
+    pub dropped_area: f64,
+}
+
+impl SurfaceReport {
+    pub(super) fn new(extraction: &Extraction, frame: &Frame) -> Self {
+        Self {
+            grid_points: extraction.grid.points,
+            grid_spacing: frame.length_to_world(extraction.grid.spacing),
+            field_evaluations: extraction.evaluations,
+            closing_vertices: extraction.closing_vertices,
+            dropped_components: 0,
+            dropped_triangles: 0,
+            dropped_area: 0.0,
+        }
+    }
+
+    pub(super) fn dropped(&mut self, dropped: Dropped, frame: &Frame) {
+        self.dropped_components = dropped.components;
+        self.dropped_triangles = dropped.triangles;
+        self.dropped_area = dropped.area * frame.length_to_world(1.0).powi(2);
+    }
+}
+
+/// |f| at the surface points: 0 where the network fits them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct FieldAtPoints {
+    /// Mean of |f|.
+    pub mean: f64,
+    /// Root of the mean of f².
+    pub rms: f64,
+    /// Largest |f|.
+    pub max: f64,
+}
+
+/// Seconds of each stage.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Seconds {
+    /// Normals, samples, hold-out.
+    pub sampling: f64,
+    /// Fitting the network.
+    pub training: f64,
+    /// Extracting the surface.
+    pub surface: f64,
+    /// Measuring the mesh.
+    pub report: f64,
+    /// All of it.
+    pub total: f64,
+}
+
+/// Versions of what computed the run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Versions {
+    /// This program.
+    pub meshway: String,
+    /// The tensor library.
+    pub libtorch: String,
+}
+
+/// Quality of a mesh, and the record needed to make it again.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Versions of what computed it.
+    pub versions: Versions,
+    /// The files; filled in by the caller, who read them.
+    pub inputs: Vec<Input>,
+    /// Complete settings, seed included.
+    pub settings: Settings,
+    /// What evaluated loss and gradient.
+    pub engine: &'static str,
+    /// Threads of the run.
+    pub threads: usize,
+    /// Where the normals came from; none where none were needed.
+    pub normals: Option<NormalSource>,
+    /// Samples of each kind.
+    pub samples: Counts,
+    /// How the training ended.
+    pub training: TrainingReport,
+    /// How the surface was extracted.
+    pub surface: SurfaceReport,
+    /// What the mesh is; lengths in units of the input.
+    pub mesh: MeshReport,
+    /// Distances between the mesh and the surface points trained on.
+    pub distances: Option<Comparison>,
+    /// The same for the surface points held out.
+    pub validation_distances: Option<Comparison>,
+    /// |f| at the surface points, held-out ones included.
+    pub field_at_points: FieldAtPoints,
+    /// Mean cosine between given normals and those of the mesh, where normals were given.
+    pub normal_agreement: Option<f64>,
+    /// Seconds of each stage.
+    pub seconds: Seconds,
+    /// What the user was warned of.
+    pub warnings: Vec<Warning>,
+}
+
+/// What a report is about.
+pub(super) struct Subject<'a> {
+    pub(super) cloud: &'a PointCloud,
+    pub(super) settings: &'a Settings,
+    pub(super) prepared: &'a Prepared,
+    pub(super) mesh: &'a TriangleMesh,
+    pub(super) field: &'a dyn Field,
+}
+
+impl Report {
+    /// Measures the subject; the caller fills in `inputs` and `seconds`.
+    pub(super) fn new(
+        subject: &Subject<'_>,
+        training: TrainingReport,
+        surface: SurfaceReport,
+    ) -> Result<Self, Error> {
+        let Subject {
+            cloud,
+            settings,
+            prepared,
+            mesh,
+            ..
+        } = *subject;
+        let points =
+            |indices: &[usize]| -> Vec<Vec3> { indices.iter().map(|&i| cloud.points[i]).collect() };
+        let judge = Judge::new(mesh, settings.training.seed);
+        let compare = |indices| {
+            judge
+                .as_ref()
+                .and_then(|judge| judge.compare(&points(indices)))
+        };
+        let trained_on = &prepared.surface;
+        let normal_agreement = cloud.normals.as_ref().and_then(|normals| {
+            let normals: Vec<Vec3> = trained_on.iter().map(|&i| normals[i]).collect();
+            judge
+                .as_ref()?
+                .normal_agreement(&points(trained_on), &normals)
+        });
+        Ok(Self {
+            versions: Versions::current(),
+            inputs: Vec::new(),
+            settings: settings.clone(),
+            engine: "libtorch",
+            threads: rayon::current_num_threads(),
+            normals: prepared.normals,
+            samples: prepared.counts,
+            training,
+            surface,
+            mesh: quality::describe(mesh),
+            distances: compare(trained_on),
+            validation_distances: compare(&prepared.held_out),
+            field_at_points: FieldAtPoints::measure(subject)?,
+            normal_agreement,
+            seconds: Seconds::default(),
+            warnings: prepared.warnings.clone(),
+        })
+    }
+
+    /// The report in a few lines for people.
+    pub fn summary(&self) -> String {
+        let mesh = &self.mesh;
+        let topology = &mesh.topology;
+        let closed = if topology.closed { "closed" } else { "open" };
+        let mut lines = vec![
+            format!(
+                "{} triangles, {} component(s), {closed}{}",
+                mesh.triangles,
+                topology.components,
+                topology
+                    .genus
+                    .map_or_else(String::new, |genus| format!(", genus {genus}"))
+            ),
+            format!(
+                "area {:.6}, volume {:.6}",
+                mesh.area,
+                mesh.volume.unwrap_or(f64::NAN)
+            ),
+            format!(
+                "loss {:.3e} after {} evaluations ({})",
+                self.training.loss,
+                self.training.evaluations,
+                name(&self.training.termination)
+            ),
+        ];
+        for (what, comparison) in [
+            ("points", &self.distances),
+            ("held-out points", &self.validation_distances),
+        ] {
+            if let Some(comparison) = comparison {
+                let d = &comparison.cloud_to_mesh;
+                lines.push(format!(
+                    "{what} to mesh: mean {:.4} %, 95 % within {:.4} %, max {:.4} % of the diagonal",
+                    d.mean_percent, d.p95_percent, d.max_percent
+                ));
+            }
+        }
+        let s = &self.seconds;
+        lines.push(format!(
+            "{:.1} s (sampling {:.1}, training {:.1}, surface {:.1}, report {:.1})",
+            s.total, s.sampling, s.training, s.surface, s.report
+        ));
+        lines.join("\n")
+    }
+}
+
+/// The name of a value as it stands in JSON.
+fn name(value: &impl Serialize) -> String {
+    serde_json::to_value(value)
+        .ok()
+        .and_then(|value| value.as_str().map(str::to_owned))
+        .unwrap_or_default()
+}
+
+impl FieldAtPoints {
+    fn measure(subject: &Subject<'_>) -> Result<Self, Error> {
+        let Subject {
+            cloud,
+            prepared,
+            field,
+            ..
+        } = *subject;
+        let points: Vec<Vec3> = cloud
+            .indices(Label::Surface)
+            .map(|i| prepared.frame.to_unit(cloud.points[i]))
+            .collect();
+        let mut values = vec![0.0; points.len()];
+        field.values(&points, &mut values)?;
+        let count = values.len().max(1) as f64;
+        Ok(Self {
+            mean: values.iter().map(|v| v.abs()).sum::<f64>() / count,
+            rms: (values.iter().map(|v| v * v).sum::<f64>() / count).sqrt(),
+            max: values.iter().fold(0.0, |max, v| max.max(v.abs())),
+        })
+    }
+}
+
+impl Versions {
+    fn current() -> Self {
+        Self {
+            meshway: env!("CARGO_PKG_VERSION").to_owned(),
+            libtorch: LIBTORCH_VERSION.to_owned(),
+        }
+    }
+}
+
+/// The libtorch that tch's bindings are made for; the build refuses another.
+const LIBTORCH_VERSION: &str = "2.13.0";
+
+/// Adds up the seconds of the stages on the observer's clock.
+pub(super) struct Stopwatch<'a> {
+    observer: &'a dyn Observer,
+    start: f64,
+    last: f64,
+    seconds: Seconds,
+}
+
+impl<'a> Stopwatch<'a> {
+    pub(super) fn new(observer: &'a dyn Observer) -> Self {
+        let start = observer.seconds();
+        Self {
+            observer,
+            start,
+            last: start,
+            seconds: Seconds::default(),
+        }
+    }
+
+    /// Ends `stage`: what went by since the last one ended was spent in it.
+    pub(super) fn lap(&mut self, stage: Phase) {
+        let now = self.observer.seconds();
+        let spent = now - self.last;
+        self.last = now;
+        match stage {
+            Phase::Sampling => self.seconds.sampling += spent,
+            Phase::Training => self.seconds.training += spent,
+            Phase::Surface => self.seconds.surface += spent,
+            Phase::Report => self.seconds.report += spent,
+        }
+    }
+
+    pub(super) fn seconds(&self) -> Seconds {
+        Seconds {
+            total: self.last - self.start,
+            ..self.seconds
+        }
+    }
+}

@@ -1,0 +1,212 @@
+//! The whole method in one screen: cloud and settings in, mesh and report out.
+
+use super::cloud::PointCloud;
+use super::error::Error;
+use super::mesh::TriangleMesh;
+use super::network::{Architecture, Engine, Libtorch, Scalar, initial_parameters};
+use super::observer::{Event, Observer, Phase};
+use super::report::{Report, Stopwatch, Subject, SurfaceReport, TrainingReport};
+use super::sampling::{Prepared, prepare};
+use super::settings::{Precision, Settings};
+use super::surface::{Field, MAX_TRIANGLES, Request, extract, keep_components};
+use super::training::{Hooks, Termination, Trained, train};
+use super::vector::{Bounds, Vec3};
+
+/// What a run gives.
+#[derive(Debug, Clone)]
+pub struct Reconstruction {
+    /// The surface, in the coordinates of the input.
+    pub mesh: TriangleMesh,
+    /// Its quality, and the record that makes the run again.
+    pub report: Report,
+}
+
+/// Sets the number of threads of every later run in this process.
+///
+/// Both thread pools, rayon's and libtorch's, belong to the process; so does this choice. The two
+/// never work at the same time.
+///
+/// # Errors
+/// When the threads were set to another number before.
+pub fn set_threads(threads: usize) -> Result<(), Error> {
+    tch::set_num_threads(threads as i32);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+    match pool.build_global() {
+        Err(_) if rayon::current_num_threads() != threads => Err(Error::Threads {
+            asked: threads,
+            set: rayon::current_num_threads(),
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// Reconstructs the closed surface that `cloud` was taken from.
+///
+/// # Errors
+/// What is wrong with the cloud or the settings, see [`Error`]. Training that does not converge is
+/// no error: the report says why it ended.
+///
+/// # Determinism
+/// The same cloud, settings and number of threads ([`set_threads`]) give the same mesh, bit for
+/// bit, unless a time limit ends the training.
+pub fn reconstruct(
+    cloud: &PointCloud,
+    settings: &Settings,
+    observer: &dyn Observer,
+) -> Result<Reconstruction, Error> {
+    match settings.network.precision {
+        Precision::F32 => run::<f32>(cloud, settings, observer),
+        Precision::F64 => run::<f64>(cloud, settings, observer),
+    }
+}
+
+fn run<T: Scalar>(
+    cloud: &PointCloud,
+    settings: &Settings,
+    observer: &dyn Observer,
+) -> Result<Reconstruction, Error> {
+    let cancelled = || observer.cancelled();
+    let mut stopwatch = Stopwatch::new(observer);
+
+    observer.event(Event::Phase(Phase::Sampling));
+    cloud.validate()?;
+    let prepared = prepare(cloud, settings, &cancelled)?;
+    for warning in &prepared.warnings {
+        observer.event(Event::Warning(warning));
+    }
+    stopwatch.lap(Phase::Sampling);
+
+    observer.event(Event::Phase(Phase::Training));
+    let mesher = Mesher::new(cloud, settings, &prepared, observer);
+    let architecture = Architecture::new(&settings.network);
+    let parameters = initial_parameters::<T>(&architecture, settings.training.seed);
+    let engine = Libtorch::<T>::new(architecture, &prepared.training, &prepared.validation)?;
+    let trained = fit(&engine, parameters, &mesher)?;
+    let field = engine.field(&trained.parameters)?;
+    stopwatch.lap(Phase::Training);
+
+    observer.event(Event::Phase(Phase::Surface));
+    let (mesh, surface) = mesher.mesh(field.as_ref())?;
+    stopwatch.lap(Phase::Surface);
+
+    observer.event(Event::Phase(Phase::Report));
+    let subject = Subject {
+        cloud,
+        settings,
+        prepared: &prepared,
+        mesh: &mesh,
+        field: field.as_ref(),
+    };
+    let mut report = Report::new(&subject, TrainingReport::new(&trained), surface)?;
+    stopwatch.lap(Phase::Report);
+    report.seconds = stopwatch.seconds();
+    Ok(Reconstruction { mesh, report })
+}
+
+/// Trains; a snapshot is extracted at each chosen evaluation.
+fn fit<T: Scalar>(
+    engine: &dyn Engine<T>,
+    parameters: Vec<T>,
+    mesher: &Mesher<'_>,
+) -> Result<Trained<T>, Error> {
+    let mut snapshot = |evaluation: u64, parameters: &[T]| {
+        let field = engine.field(parameters)?;
+        match mesher.mesh(field.as_ref()) {
+            Ok((mesh, _)) => {
+                mesher.observer.event(Event::Snapshot {
+                    evaluation,
+                    mesh: &mesh,
+                });
+                Ok(())
+            }
+            // Early in training there may be no surface yet; that is worth no failed run.
+            Err(Error::NoSurface(_)) => Ok(()),
+            Err(error) => Err(error),
+        }
+    };
+    let hooks = Hooks {
+        observer: mesher.observer,
+        snapshot: &mut snapshot,
+    };
+    let trained = train(engine, parameters, &mesher.settings.training, hooks)?;
+    if trained.termination == Termination::Cancelled {
+        return Err(Error::Cancelled);
+    }
+    Ok(trained)
+}
+
+/// Turns fields into meshes: everything that is the same for snapshots and for the result.
+struct Mesher<'a> {
+    settings: &'a Settings,
+    prepared: &'a Prepared,
+    observer: &'a dyn Observer,
+    bounds: Bounds,
+    surface_points: Vec<Vec3>,
+}
+
+impl<'a> Mesher<'a> {
+    fn new(
+        cloud: &PointCloud,
+        settings: &'a Settings,
+        prepared: &'a Prepared,
+        observer: &'a dyn Observer,
+    ) -> Self {
+        let surface_points: Vec<Vec3> = prepared
+            .surface
+            .iter()
+            .chain(&prepared.held_out)
+            .map(|&i| prepared.frame.to_unit(cloud.points[i]))
+            .collect();
+        let origin = Bounds {
+            min: [0.0; 3],
+            max: [0.0; 3],
+        };
+        let bounds = Bounds::of(&surface_points).unwrap_or(origin);
+        let bounds = bounds.padded(settings.surface.padding * bounds.longest_edge());
+        Self {
+            settings,
+            prepared,
+            observer,
+            bounds,
+            surface_points,
+        }
+    }
+
+    /// The mesh of `field`, in the coordinates of the input.
+    fn mesh(&self, field: &dyn Field) -> Result<(TriangleMesh, SurfaceReport), Error> {
+        let settings = &self.settings.surface;
+        let extraction = extract(
+            field,
+            &Request {
+                bounds: self.bounds,
+                resolution: settings.resolution,
+                evaluation: settings.evaluation,
+                projection_steps: settings.projection_steps,
+                max_triangles: MAX_TRIANGLES,
+                cancelled: &|| self.observer.cancelled(),
+                progress: &|share| self.observer.event(Event::Progress(share)),
+            },
+        )?;
+        let mut report = SurfaceReport::new(&extraction, &self.prepared.frame);
+        let reach = SUPPORT_REACH * self.prepared.spacing.max(extraction.grid.spacing);
+        let (mut mesh, dropped) = keep_components(
+            extraction.mesh,
+            settings.components,
+            &self.surface_points,
+            reach,
+        );
+        if mesh.triangles.is_empty() {
+            return Err(Error::NoSurface(
+                "no point of the cloud lies near any component of its zero set".to_owned(),
+            ));
+        }
+        report.dropped(dropped, &self.prepared.frame);
+        for vertex in &mut mesh.vertices {
+            *vertex = self.prepared.frame.to_world(*vertex);
+        }
+        Ok((mesh, report))
+    }
+}
+
+/// How far a point may be from a component that it supports, in spacings of points or grid.
+const SUPPORT_REACH: f64 = 3.0;

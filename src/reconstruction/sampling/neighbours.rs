@@ -1,0 +1,188 @@
+//! Nearest neighbours of points, and what they tell: local spacing and area.
+//!
+//! The immutable tree of kiddo is used because it survives identical points and planar grids.
+
+use std::num::NonZero;
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
+
+use crate::reconstruction::vector::{Vec3, cross, distance, dot, normalized, sub};
+
+/// Neighbours over which the local spacing is averaged: those around a point of an even sampling.
+const SPACING_NEIGHBOURS: usize = 6;
+
+/// Half the edge of the square, in local spacings, to which a cell at an open border is cut.
+const CELL_REACH: f64 = 1.5;
+
+/// A search tree over points.
+pub struct Tree {
+    tree: ImmutableKdTree<f64, 3>,
+    len: usize,
+}
+
+impl Tree {
+    /// A tree over `points`, which are finite and at least one.
+    ///
+    /// # Panics
+    /// Without points, or with more than 2³² of them.
+    pub fn new(points: &[Vec3]) -> Self {
+        assert!(!points.is_empty(), "a tree is over at least one point");
+        Self {
+            tree: ImmutableKdTree::new_from_slice(points)
+                .expect("the number of points fits into 32 bits"),
+            len: points.len(),
+        }
+    }
+
+    /// Index of the point nearest to `q`, and its distance.
+    pub fn nearest(&self, q: Vec3) -> (usize, f64) {
+        let found = self
+            .tree
+            .query(&q)
+            .nearest_one::<SquaredEuclidean<f64>>()
+            .execute();
+        (found.item as usize, found.distance.sqrt())
+    }
+
+    /// Indices and distances of the `count` points nearest to `q`, nearest first; all of them if
+    /// there are fewer.
+    pub fn nearest_n(&self, q: Vec3, count: usize) -> Vec<(usize, f64)> {
+        let Some(count) = NonZero::new(count.min(self.len)) else {
+            return Vec::new();
+        };
+        let mut found: Vec<_> = self
+            .tree
+            .query(&q)
+            .nearest_n::<SquaredEuclidean<f64>>(count)
+            .execute()
+            .into_iter()
+            .map(|n| (n.item as usize, n.distance.sqrt()))
+            .collect();
+        found.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+        found
+    }
+}
+
+/// The nearest other points of every point of a cloud, nearest first.
+pub struct Neighbourhoods {
+    count: usize,
+    indices: Vec<u32>,
+}
+
+impl Neighbourhoods {
+    /// The `count` nearest others of each of `points`, over which `tree` was made.
+    pub fn new(tree: &Tree, points: &[Vec3], count: usize) -> Self {
+        let count = count.min(points.len() - 1);
+        let lists: Vec<Vec<u32>> = points
+            .par_iter()
+            .enumerate()
+            .map(|(i, p)| {
+                tree.nearest_n(*p, count + 1)
+                    .into_iter()
+                    .filter(|(j, _)| *j != i)
+                    .take(count)
+                    .map(|(j, _)| j as u32)
+                    .collect()
+            })
+            .collect();
+        Self {
+            count,
+            indices: lists.concat(),
+        }
+    }
+
+    /// Neighbours of point `i`.
+    pub fn of(&self, i: usize) -> impl Iterator<Item = usize> + '_ {
+        self.indices[i * self.count..(i + 1) * self.count]
+            .iter()
+            .map(|&j| j as usize)
+    }
+
+    /// Local spacing of each point: the mean distance to its nearest distinct neighbours.
+    pub fn spacings(&self, points: &[Vec3]) -> Vec<f64> {
+        (0..points.len())
+            .map(|i| {
+                let near: Vec<f64> = self
+                    .of(i)
+                    .map(|j| distance(points[i], points[j]))
+                    .filter(|d| *d > 0.0)
+                    .take(SPACING_NEIGHBOURS)
+                    .collect();
+                near.iter().sum::<f64>() / near.len().max(1) as f64
+            })
+            .collect()
+    }
+
+    /// Area of the surface that each point stands for: its Voronoi cell among its neighbours in
+    /// the tangent plane.
+    ///
+    /// Neighbours whose normal points the other way belong to the far side of a thin part and are
+    /// left out. A neighbour is turned into the plane with its distance kept, which is exact to
+    /// first order on a curved surface.
+    pub fn areas(&self, points: &[Vec3], normals: &[Vec3], spacings: &[f64]) -> Vec<f64> {
+        (0..points.len())
+            .into_par_iter()
+            .map(|i| {
+                let (u, v) = tangents(normals[i]);
+                let reach = CELL_REACH * spacings[i];
+                let mut cell = vec![
+                    [-reach, -reach],
+                    [reach, -reach],
+                    [reach, reach],
+                    [-reach, reach],
+                ];
+                for j in self.of(i).filter(|&j| dot(normals[i], normals[j]) > 0.0) {
+                    let edge = sub(points[j], points[i]);
+                    let flat = [dot(edge, u), dot(edge, v)];
+                    let length = flat[0].hypot(flat[1]);
+                    if length > 0.0 {
+                        let stretch = dot(edge, edge).sqrt() / length;
+                        cell = clip(&cell, flat.map(|x| x * stretch));
+                    }
+                }
+                area(&cell)
+            })
+            .collect()
+    }
+}
+
+/// Two unit vectors that make a right-handed basis with the unit vector `normal`.
+fn tangents(normal: Vec3) -> (Vec3, Vec3) {
+    let axis = if normal[0].abs() < 0.6 {
+        [1.0, 0.0, 0.0]
+    } else {
+        [0.0, 1.0, 0.0]
+    };
+    let u = normalized(cross(axis, normal)).unwrap_or([0.0, 0.0, 1.0]);
+    (u, cross(normal, u))
+}
+
+/// The part of a convex polygon that is nearer to the origin than to `other`.
+fn clip(polygon: &[[f64; 2]], other: [f64; 2]) -> Vec<[f64; 2]> {
+    let limit = 0.5 * (other[0] * other[0] + other[1] * other[1]);
+    let excess = |p: [f64; 2]| p[0] * other[0] + p[1] * other[1] - limit;
+    let mut kept = Vec::with_capacity(polygon.len() + 1);
+    for (k, &a) in polygon.iter().enumerate() {
+        let b = polygon[(k + 1) % polygon.len()];
+        let (outside_a, outside_b) = (excess(a), excess(b));
+        if outside_a <= 0.0 {
+            kept.push(a);
+        }
+        if (outside_a < 0.0 && outside_b > 0.0) || (outside_a > 0.0 && outside_b < 0.0) {
+            let t = outside_a / (outside_a - outside_b);
+            kept.push([a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]);
+        }
+    }
+    kept
+}
+
+fn area(polygon: &[[f64; 2]]) -> f64 {
+    let twice: f64 = (0..polygon.len())
+        .map(|k| {
+            let (a, b) = (polygon[k], polygon[(k + 1) % polygon.len()]);
+            a[0] * b[1] - a[1] * b[0]
+        })
+        .sum();
+    0.5 * twice
+}

@@ -1,0 +1,324 @@
+//! The way from a cloud to its samples, step by step.
+
+use super::frame::Frame;
+use super::neighbours::{Neighbourhoods, Tree};
+use super::oriented::OrientedSurface;
+use super::samples::{Grading, Sampler};
+use super::selection::{Split, distinct, even_subset};
+use super::{Counts, MIN_SURFACE_POINTS, Prepared, Samples};
+use crate::reconstruction::cloud::{self, Label, PointCloud};
+use crate::reconstruction::error::Error;
+use crate::reconstruction::observer::Warning;
+use crate::reconstruction::random::{Generator, Purpose, stream};
+use crate::reconstruction::settings::{self, OffSurface, Settings};
+use crate::reconstruction::vector::{Bounds, Vec3};
+
+/// Most surface points that are looked at; larger clouds are thinned evenly first.
+const MAX_WORKING_POINTS: usize = 100_000;
+
+/// Most held-out points that are listed.
+const MAX_HELD_OUT: usize = 20_000;
+
+/// Points are validated on up to one for so many that are trained on, which keeps validating
+/// cheap beside training.
+const VALIDATED_EVERY: usize = 4;
+
+/// As many are validated on in any case, if they are there: fewer give a noisy loss.
+const MIN_VALIDATED: usize = 500;
+
+/// Turns a cloud into training and validation samples.
+///
+/// # Errors
+/// [`cloud::Error::TooFewPoints`] and [`cloud::Error::Degenerate`] where the points labelled surface
+/// make none; a conflict at `/sampling/off_surface` where labels are asked for and there are none;
+/// [`Error::Cancelled`].
+///
+/// # Determinism
+/// The same cloud, settings and seed give the same samples, bit for bit, with any number of threads.
+pub fn prepare(
+    cloud: &PointCloud,
+    settings: &Settings,
+    cancelled: &dyn Fn() -> bool,
+) -> Result<Prepared, Error> {
+    let stop_if_cancelled = || {
+        if cancelled() {
+            Err(Error::Cancelled)
+        } else {
+            Ok(())
+        }
+    };
+    let mut warnings = Vec::new();
+    let mut choice = stream(settings.training.seed, Purpose::Selection);
+    let scene = Scene::new(cloud, settings, &mut choice, &mut warnings)?;
+    let split = Split::new(
+        &scene.points,
+        settings.sampling.surface_points,
+        settings.sampling.validation_fraction,
+        &mut choice,
+    );
+    let trained = pick(&scene.points, &split.trained);
+    let held_out = pick(&scene.points, &split.held_out);
+    let validated = pick(
+        &split.held_out,
+        &even_subset(
+            &held_out,
+            MIN_VALIDATED.max(split.trained.len() / VALIDATED_EVERY),
+            &mut choice,
+        ),
+    );
+    let share = validated.len() as f64 / split.trained.len() as f64;
+    let mut training: Samples = trained.iter().map(|&p| (p, 0.0)).collect();
+    let mut validation: Samples = pick(&scene.points, &validated)
+        .into_iter()
+        .map(|p| (p, 0.0))
+        .collect();
+    stop_if_cancelled()?;
+
+    let surface = scene.oriented(&mut warnings);
+    stop_if_cancelled()?;
+    let [interior, exterior] = [Label::Interior, Label::Exterior].map(|label| {
+        let (fitted, checked) = scene.labelled(label, surface.as_ref(), share, &mut choice);
+        let count = fitted.len();
+        training.append(fitted);
+        validation.append(checked);
+        count
+    });
+    stop_if_cancelled()?;
+
+    let mut counts = Counts {
+        surface: split.trained.len(),
+        interior,
+        exterior,
+        held_out: split.held_out.len(),
+        ..Counts::default()
+    };
+    if let Some(surface) = &surface {
+        let sampler = Sampler {
+            surface,
+            grading: scene.grading,
+            // Spacing goes with the square root of the number of points on a surface.
+            thinning: (scene.points.len() as f64 / split.trained.len() as f64).sqrt(),
+        };
+        let mut random = stream(settings.training.seed, Purpose::Sampling);
+        let [near, far] = scene.generated(&sampler, &split.trained, 1.0, &mut random);
+        (counts.near, counts.far) = (near.len(), far.len());
+        training.append(near);
+        training.append(far);
+        stop_if_cancelled()?;
+        for samples in scene.generated(&sampler, &validated, share, &mut random) {
+            validation.append(samples);
+        }
+        warn_of_one_side(&training, &mut warnings);
+    }
+    counts.validation = validation.len();
+    let listed = even_subset(&held_out, MAX_HELD_OUT, &mut choice);
+    Ok(Prepared {
+        frame: scene.frame,
+        training,
+        validation,
+        surface: pick(&scene.indices, &split.trained),
+        held_out: pick(&scene.indices, &pick(&split.held_out, &listed)),
+        counts,
+        spacing: median_spacing(&trained),
+        diagonal: scene.bounds.diagonal(),
+        normals: surface.map(|surface| surface.source),
+        warnings,
+    })
+}
+
+/// The surface points that are worked with, in the frame of training.
+struct Scene<'a> {
+    cloud: &'a PointCloud,
+    settings: &'a Settings,
+    /// Indices into the cloud, ascending.
+    indices: Vec<usize>,
+    frame: Frame,
+    /// The points at `indices`, unit frame.
+    points: Vec<Vec3>,
+    /// Box of `points`.
+    bounds: Bounds,
+    grading: Grading,
+}
+
+impl<'a> Scene<'a> {
+    fn new(
+        cloud: &'a PointCloud,
+        settings: &'a Settings,
+        choice: &mut Generator,
+        warnings: &mut Vec<Warning>,
+    ) -> Result<Self, Error> {
+        let indices = working_points(cloud, settings, choice, warnings)?;
+        let given = pick(&cloud.points, &indices);
+        let box_of = |points: &[Vec3]| Bounds::of(points).ok_or(cloud::Error::Empty);
+        let normalized = Frame::normalized(&box_of(&given)?, settings.sampling.half_extent)
+            .ok_or(cloud::Error::Degenerate("all lie at the same place"))?;
+        let frame = match settings.sampling.frame {
+            settings::Frame::Normalized => normalized,
+            settings::Frame::Given => Frame::IDENTITY,
+        };
+        let points: Vec<Vec3> = given.iter().map(|p| frame.to_unit(*p)).collect();
+        let bounds = box_of(&points)?;
+        Ok(Self {
+            cloud,
+            settings,
+            indices,
+            frame,
+            points,
+            bounds,
+            grading: Grading {
+                targets: settings.sampling.targets,
+                band: settings.sampling.band * bounds.diagonal(),
+            },
+        })
+    }
+
+    /// The oriented surface; none where only labels are used.
+    fn oriented(&self, warnings: &mut Vec<Warning>) -> Option<OrientedSurface> {
+        if self.settings.sampling.off_surface == OffSurface::Labels {
+            return None;
+        }
+        let given = self.cloud.normals.as_ref();
+        Some(OrientedSurface::new(
+            self.points.clone(),
+            given.map(|normals| pick(normals, &self.indices)).as_deref(),
+            self.settings.sampling.neighbours,
+            warnings,
+        ))
+    }
+
+    /// Samples at the points that the user labels `label`: those within the budget, and of the
+    /// others as many for validation as make `share` of them.
+    fn labelled(
+        &self,
+        label: Label,
+        surface: Option<&OrientedSurface>,
+        share: f64,
+        choice: &mut Generator,
+    ) -> (Samples, Samples) {
+        let points: Vec<Vec3> = self
+            .cloud
+            .indices(label)
+            .map(|i| self.frame.to_unit(self.cloud.points[i]))
+            .collect();
+        let split = Split::new(&points, self.settings.sampling.labelled_points, 0.0, choice);
+        let others = pick(&points, &split.held_out);
+        let wanted = (share * split.trained.len() as f64).ceil() as usize;
+        let tree = Tree::new(&self.points);
+        let sample = |p: Vec3| {
+            let (_, distance) = surface.map_or_else(|| tree.nearest(p), |s| s.nearest(p));
+            (p, self.grading.target(label == Label::Interior, distance))
+        };
+        (
+            pick(&points, &split.trained)
+                .into_iter()
+                .map(sample)
+                .collect(),
+            pick(&others, &even_subset(&others, wanted, choice))
+                .into_iter()
+                .map(sample)
+                .collect(),
+        )
+    }
+
+    /// Near samples of the points at `positions`, and `share` of the far samples.
+    fn generated(
+        &self,
+        sampler: &Sampler<'_>,
+        positions: &[usize],
+        share: f64,
+        random: &mut Generator,
+    ) -> [Samples; 2] {
+        let sampling = &self.settings.sampling;
+        let margin = self.settings.surface.padding * self.bounds.longest_edge();
+        let far = (share * sampling.far_points as f64).round() as usize;
+        [
+            sampler.near(positions, sampling.near_pairs, random),
+            sampler.far(&self.bounds.padded(margin), far, random),
+        ]
+    }
+}
+
+/// Indices of the surface points that are worked with: all in the paper's way, otherwise
+/// different ones, thinned where they are very many.
+fn working_points(
+    cloud: &PointCloud,
+    settings: &Settings,
+    choice: &mut Generator,
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<usize>, Error> {
+    let labelled: Vec<usize> = cloud.indices(Label::Surface).collect();
+    let enough = |found: usize| {
+        if found < MIN_SURFACE_POINTS {
+            return Err(cloud::Error::TooFewPoints {
+                found,
+                needed: MIN_SURFACE_POINTS,
+            });
+        }
+        Ok(())
+    };
+    enough(labelled.len())?;
+    if settings.sampling.off_surface == OffSurface::Labels {
+        if labelled.len() == cloud.points.len() {
+            return Err(settings::Error::conflict(
+                "/sampling/off_surface",
+                "is labels, but no point of the cloud is labelled interior or exterior; give \
+                 such points, or choose generated",
+            )
+            .into());
+        }
+        return Ok(labelled);
+    }
+    let different = distinct(&cloud.points, &labelled);
+    if different.len() < labelled.len() {
+        warnings.push(Warning::new(
+            "duplicate_points",
+            format!(
+                "{} surface points repeat earlier ones and are left out",
+                labelled.len() - different.len()
+            ),
+        ));
+    }
+    enough(different.len())?;
+    if different.len() <= MAX_WORKING_POINTS {
+        return Ok(different);
+    }
+    warnings.push(Warning::new(
+        "points_thinned",
+        format!(
+            "{MAX_WORKING_POINTS} of {} surface points, evenly chosen, are worked with",
+            different.len()
+        ),
+    ));
+    let kept = even_subset(&pick(&cloud.points, &different), MAX_WORKING_POINTS, choice);
+    Ok(pick(&different, &kept))
+}
+
+/// Says so if no sample is inside or none outside: then f = 0 fits and no surface will come out.
+fn warn_of_one_side(training: &Samples, warnings: &mut Vec<Warning>) {
+    for (side, missing) in [
+        ("inside", !training.targets.iter().any(|t| *t > 0.0)),
+        ("outside", !training.targets.iter().any(|t| *t < 0.0)),
+    ] {
+        if missing {
+            warnings.push(Warning::new(
+                "one_sided",
+                format!(
+                    "no sample lies surely {side} the surface: the points are too open or too \
+                     noisy, or the normals contradict each other"
+                ),
+            ));
+        }
+    }
+}
+
+/// Median over `points` of the local spacing.
+fn median_spacing(points: &[Vec3]) -> f64 {
+    let tree = Tree::new(points);
+    let mut spacings = Neighbourhoods::new(&tree, points, 6).spacings(points);
+    let middle = spacings.len() / 2;
+    *spacings.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+fn pick<T: Copy>(items: &[T], positions: &[usize]) -> Vec<T> {
+    positions.iter().map(|&i| items[i]).collect()
+}

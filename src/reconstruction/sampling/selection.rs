@@ -1,0 +1,92 @@
+//! Which points are trained on and which are held out: even over the surface, and by the seed.
+
+use std::collections::HashSet;
+
+use rand::RngExt;
+
+use crate::reconstruction::random::Generator;
+use crate::reconstruction::vector::{Bounds, Vec3};
+
+/// Fewest points that stay in training when a small cloud gives some to validation.
+const MIN_TRAINED: usize = 64;
+
+/// Bits of a Morton code per axis.
+const MORTON_BITS: u32 = 21;
+
+/// Positions in a list of points that are trained on and those that are not; both ascending.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Split {
+    /// Trained on.
+    pub trained: Vec<usize>,
+    /// Held out.
+    pub held_out: Vec<usize>,
+}
+
+impl Split {
+    /// At most `budget` of `points` are trained on; where all are within it, `fraction` of them is
+    /// held out all the same, except from tiny clouds.
+    pub fn new(points: &[Vec3], budget: usize, fraction: f64, random: &mut Generator) -> Self {
+        let len = points.len();
+        let trained = if len > budget {
+            budget
+        } else {
+            let held_out = (fraction * len as f64) as usize;
+            (len - held_out).max(len.min(MIN_TRAINED))
+        };
+        let trained = even_subset(points, trained, random);
+        let mut held_out: Vec<usize> = (0..len).collect();
+        held_out.retain(|i| trained.binary_search(i).is_err());
+        Self { trained, held_out }
+    }
+}
+
+/// Positions of `count` of `points`, ascending, spread as evenly as the points are.
+///
+/// The points are put in Morton order and one is drawn from each of `count` equal runs
+/// (stratified sampling), O(n log n). All of them if there are no more than `count`.
+pub fn even_subset(points: &[Vec3], count: usize, random: &mut Generator) -> Vec<usize> {
+    let len = points.len();
+    if count >= len {
+        return (0..len).collect();
+    }
+    let Some(bounds) = Bounds::of(points) else {
+        return Vec::new();
+    };
+    let mut order: Vec<(u64, usize)> = points
+        .iter()
+        .enumerate()
+        .map(|(i, p)| (morton(&bounds, *p), i))
+        .collect();
+    order.sort_unstable();
+    let mut chosen: Vec<usize> = (0..count)
+        .map(|run| {
+            let (start, end) = (run * len / count, (run + 1) * len / count);
+            order[random.random_range(start as u64..end as u64) as usize].1
+        })
+        .collect();
+    chosen.sort_unstable();
+    chosen
+}
+
+/// Cells of the points along the Z-shaped curve of Morton: bits of the three axes interleaved.
+fn morton(bounds: &Bounds, p: Vec3) -> u64 {
+    let edge = bounds.longest_edge().max(f64::MIN_POSITIVE);
+    let cells = f64::from((1_u32 << MORTON_BITS) - 1);
+    (0..3).fold(0, |code, axis| {
+        let cell = ((p[axis] - bounds.min[axis]) / edge * cells) as u64;
+        (0..MORTON_BITS).fold(code, |code, bit| {
+            code | ((cell >> bit) & 1) << (3 * bit + axis as u32)
+        })
+    })
+}
+
+/// Those of `indices` whose point has not come before in the list.
+pub fn distinct(points: &[Vec3], indices: &[usize]) -> Vec<usize> {
+    let mut seen = HashSet::with_capacity(indices.len());
+    indices
+        .iter()
+        .copied()
+        // Adding zero makes -0 and 0 the same key.
+        .filter(|&i| seen.insert(points[i].map(|x| (x + 0.0).to_bits())))
+        .collect()
+}

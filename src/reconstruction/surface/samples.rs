@@ -1,0 +1,225 @@
+//! The field at some of the lattice's points: memory as the surface, not as the volume.
+//!
+//! A set of bits says which points are known; their values lie in one array in the order of the
+//! points. The number of known points before each word of the set makes a look-up one addition
+//! and one count of bits, without hashing and in an order that never varies.
+
+use std::ops::Range;
+
+use super::bits::{Bits, ones};
+use super::grid::Lattice;
+use super::{Field, Request};
+use crate::reconstruction::error::Error;
+use crate::reconstruction::vector::Vec3;
+
+/// Field points asked for in one call: enough for every thread of an engine, and a few
+/// milliseconds to the next question whether to stop.
+pub(super) const BATCH: usize = 1 << 15;
+
+/// Known points that a triangle may cost. A smooth surface takes about two; a field that is noise
+/// near zero everywhere would fill the memory before its triangles are counted.
+const POINTS_PER_TRIANGLE: usize = 4;
+
+/// Known points that are always allowed, whatever the limit on triangles: the coarse grid.
+const FREE_POINTS: usize = 1 << 21;
+
+/// Value that the field takes on the frame.
+pub(super) const OUTSIDE: f64 = -1.0;
+
+/// Where values come from, and what was seen of them.
+pub(super) struct Source<'a> {
+    pub(super) field: &'a dyn Field,
+    pub(super) request: &'a Request<'a>,
+    pub(super) lattice: Lattice,
+    /// Points at which the field was evaluated.
+    pub(super) evaluations: u64,
+    /// Points of these at which it was positive.
+    pub(super) positive: u64,
+}
+
+impl<'a> Source<'a> {
+    pub(super) fn new(field: &'a dyn Field, request: &'a Request<'a>, lattice: Lattice) -> Self {
+        Self {
+            field,
+            request,
+            lattice,
+            evaluations: 0,
+            positive: 0,
+        }
+    }
+
+    /// Appends the values at the lattice points `indices`; those of the frame cost nothing.
+    pub(super) fn append(&mut self, indices: &[usize], values: &mut Vec<f64>) -> Result<(), Error> {
+        if (self.request.cancelled)() {
+            return Err(Error::Cancelled);
+        }
+        let mut points = Vec::with_capacity(indices.len());
+        let mut slots = Vec::with_capacity(indices.len());
+        for index in indices {
+            let at = self.lattice.coordinates(*index);
+            if !(0..3).any(|axis| self.lattice.is_frame(axis, at[axis])) {
+                points.push(self.lattice.position(at));
+                slots.push(values.len());
+            }
+            values.push(OUTSIDE);
+        }
+        let mut found = vec![0.0; points.len()];
+        self.field.values(&points, &mut found)?;
+        self.evaluations += points.len() as u64;
+        for ((value, slot), point) in found.iter().zip(slots).zip(&points) {
+            check_finite(*value, *point)?;
+            self.positive += u64::from(*value > 0.0);
+            values[slot] = *value;
+        }
+        Ok(())
+    }
+}
+
+fn check_finite(value: f64, point: Vec3) -> Result<(), Error> {
+    if value.is_finite() {
+        Ok(())
+    } else {
+        Err(Error::NoSurface(format!("it is {value} at {point:?}")))
+    }
+}
+
+/// Values of the field at the known points of a lattice.
+pub(super) struct Samples {
+    known: Bits,
+    /// Known points before each word of `known`.
+    ranks: Vec<u32>,
+    values: Vec<f64>,
+}
+
+impl Samples {
+    pub(super) fn none(lattice: &Lattice) -> Self {
+        let known = Bits::new(lattice.len());
+        Self {
+            ranks: vec![0; known.words.len()],
+            known,
+            values: Vec::new(),
+        }
+    }
+
+    /// The samples of a set and the values of its members, in their order.
+    pub(super) fn of(known: Bits, values: Vec<f64>) -> Self {
+        let mut before = 0;
+        let ranks = known
+            .words
+            .iter()
+            .map(|word| {
+                let rank = before;
+                before += word.count_ones();
+                rank
+            })
+            .collect();
+        debug_assert_eq!(before as usize, values.len());
+        Self {
+            known,
+            ranks,
+            values,
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.values.len()
+    }
+
+    pub(super) fn known(&self) -> &Bits {
+        &self.known
+    }
+
+    /// Place of a known point among the known ones.
+    pub(super) fn rank(&self, index: usize) -> Option<usize> {
+        let word = *self.known.words.get(index / 64)?;
+        let bit = 1u64 << (index % 64);
+        (word & bit != 0)
+            .then(|| self.ranks[index / 64] as usize + (word & (bit - 1)).count_ones() as usize)
+    }
+
+    /// The value at a known point.
+    pub(super) fn get(&self, index: usize) -> Option<f64> {
+        self.rank(index).map(|rank| self.values[rank])
+    }
+
+    /// Parts of the lattice to work through side by side, in order.
+    pub(super) fn parts(&self) -> Vec<Range<usize>> {
+        const WORDS: usize = 1 << 10;
+        let words = self.known.words.len();
+        (0..words)
+            .step_by(WORDS)
+            .map(|start| start..(start + WORDS).min(words))
+            .collect()
+    }
+
+    /// Known points of a part, and their values.
+    pub(super) fn part(&self, words: Range<usize>) -> impl Iterator<Item = (usize, f64)> {
+        let first = self.ranks[words.start] as usize;
+        self.known
+            .members_of(words)
+            .zip(self.values[first..].iter().copied())
+    }
+
+    /// Makes the points of `wanted` known; those that were not stay in `wanted`.
+    ///
+    /// Progress runs through `span`.
+    pub(super) fn require(
+        &mut self,
+        wanted: &mut Bits,
+        source: &mut Source<'_>,
+        span: Range<f64>,
+    ) -> Result<(), Error> {
+        wanted.remove_all(&self.known);
+        let count = wanted.count();
+        check_size(self.len() + count, source.request.max_triangles)?;
+        let mut fresh = Vec::with_capacity(count);
+        let mut indices = Vec::with_capacity(BATCH.min(count));
+        let mut members = wanted.members();
+        while fresh.len() < count {
+            indices.clear();
+            indices.extend(members.by_ref().take(BATCH));
+            source.append(&indices, &mut fresh)?;
+            let share = fresh.len() as f64 / count as f64;
+            (source.request.progress)(span.start + share * (span.end - span.start));
+        }
+        self.merge(wanted, fresh);
+        Ok(())
+    }
+
+    fn merge(&mut self, fresh: &Bits, fresh_values: Vec<f64>) {
+        let mut merged = Vec::with_capacity(self.len() + fresh_values.len());
+        let mut old = std::mem::take(&mut self.values).into_iter();
+        let mut new = fresh_values.into_iter();
+        for ((known, fresh), rank) in self
+            .known
+            .words
+            .iter_mut()
+            .zip(&fresh.words)
+            .zip(&mut self.ranks)
+        {
+            *rank = merged.len() as u32;
+            *known |= fresh;
+            merged.extend(ones(*known).filter_map(|bit| {
+                if fresh >> bit & 1 == 1 {
+                    new.next()
+                } else {
+                    old.next()
+                }
+            }));
+        }
+        self.values = merged;
+    }
+}
+
+/// Refuses a number of known points that no mesh within the limit needs.
+pub(super) fn check_size(points: usize, max_triangles: usize) -> Result<(), Error> {
+    let limit = max_triangles
+        .saturating_mul(POINTS_PER_TRIANGLE)
+        .saturating_add(FREE_POINTS);
+    if points > limit.min(u32::MAX as usize) {
+        return Err(Error::MeshTooLarge {
+            limit: max_triangles,
+        });
+    }
+    Ok(())
+}

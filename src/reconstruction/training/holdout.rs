@@ -1,0 +1,90 @@
+//! Early stopping on the hold-out.
+
+use super::iterate::Iterate;
+use crate::reconstruction::error::Error;
+use crate::reconstruction::network::{Engine, Scalar};
+
+/// Share of the work of an evaluation that an accepted step may spend on the hold-out.
+const WORK_SHARE: f64 = 0.1;
+/// Work of a loss with its gradient over that of a loss alone: besides the forward product, each
+/// layer has one product for the weights and one for the activations.
+const GRADIENT_WORK: f64 = 3.0;
+
+/// Watches the validation loss and keeps the best parameters.
+pub(super) struct Holdout<'a, T> {
+    engine: &'a dyn Engine<T>,
+    /// Evaluations without improvement that are allowed; 0: any number.
+    patience: u64,
+    /// Accepted steps from one validation loss to the next.
+    interval: u64,
+    best: Option<Chosen<T>>,
+}
+
+/// Parameters that training may end with.
+pub(super) struct Chosen<T> {
+    pub(super) parameters: Vec<T>,
+    pub(super) evaluation: u64,
+    pub(super) loss: f64,
+    pub(super) validation_loss: Option<f64>,
+}
+
+impl<'a, T: Scalar> Holdout<'a, T> {
+    pub(super) fn new(engine: &'a dyn Engine<T>, patience: u64) -> Self {
+        let training = engine.training_samples().max(1) as f64;
+        let work = engine.validation_samples() as f64 / (GRADIENT_WORK * training);
+        Self {
+            engine,
+            patience,
+            interval: (work / WORK_SHARE).ceil().max(1.0) as u64,
+            best: None,
+        }
+    }
+
+    /// The validation loss of an accepted iterate, where it is due.
+    pub(super) fn visit(
+        &mut self,
+        at: &Iterate<T>,
+        iteration: u64,
+        evaluation: u64,
+    ) -> Result<Option<f64>, Error> {
+        if !iteration.is_multiple_of(self.interval) {
+            return Ok(None);
+        }
+        let validation_loss = self.engine.validation_loss(&at.parameters)?;
+        let lowest = self.best.as_ref().and_then(|best| best.validation_loss);
+        let improves = validation_loss.is_some_and(|loss| loss < lowest.unwrap_or(f64::INFINITY));
+        if improves && self.patience > 0 {
+            self.best = Some(Chosen {
+                parameters: at.parameters.clone(),
+                evaluation,
+                loss: at.loss,
+                validation_loss,
+            });
+        }
+        Ok(validation_loss)
+    }
+
+    /// Whether the validation loss has not improved for `patience` evaluations.
+    pub(super) fn exhausted(&self, evaluation: u64) -> bool {
+        let best = self.best.as_ref();
+        self.patience > 0 && best.is_some_and(|b| evaluation - b.evaluation >= self.patience)
+    }
+
+    /// The best parameters, where they were kept, else the last.
+    pub(super) fn choose(
+        mut self,
+        last: Iterate<T>,
+        iteration: u64,
+        evaluation: u64,
+    ) -> Result<Chosen<T>, Error> {
+        // The last iterate need not have been due.
+        self.interval = 1;
+        let validation_loss = self.visit(&last, iteration, evaluation)?;
+        Ok(self.best.unwrap_or(Chosen {
+            parameters: last.parameters,
+            evaluation,
+            loss: last.loss,
+            validation_loss,
+        }))
+    }
+}

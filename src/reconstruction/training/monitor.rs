@@ -1,0 +1,97 @@
+//! What is done around each evaluation of the loss: counting, stopping from outside, histograms
+//! and snapshots.
+
+use super::iterate::Interrupt;
+use super::{GradientHistogram, Metrics, Termination};
+use crate::reconstruction::error::Error;
+use crate::reconstruction::network::{Engine, Scalar};
+use crate::reconstruction::observer::{Event, Observer};
+use crate::reconstruction::settings::Training;
+
+/// What training tells and asks.
+pub struct Hooks<'a, T> {
+    /// Hears of metrics, histograms and progress; lends the clock; can stop the run.
+    pub observer: &'a dyn Observer,
+    /// Called with the number of the evaluation and its parameters at each of
+    /// `snapshot_evaluations`. Like a histogram it belongs to exactly that evaluation, which may
+    /// be a trial of a line search, as in [N24].
+    pub snapshot: &'a mut dyn FnMut(u64, &[T]) -> Result<(), Error>,
+}
+
+/// Stands between the optimiser and the engine.
+pub(super) struct Monitor<'a, T> {
+    engine: &'a dyn Engine<T>,
+    settings: &'a Training,
+    hooks: Hooks<'a, T>,
+    started: f64,
+    evaluations: u64,
+}
+
+impl<'a, T: Scalar> Monitor<'a, T> {
+    pub(super) fn new(
+        engine: &'a dyn Engine<T>,
+        settings: &'a Training,
+        hooks: Hooks<'a, T>,
+    ) -> Self {
+        Self {
+            engine,
+            settings,
+            started: hooks.observer.seconds(),
+            hooks,
+            evaluations: 0,
+        }
+    }
+
+    pub(super) fn engine(&self) -> &'a dyn Engine<T> {
+        self.engine
+    }
+
+    /// Evaluations so far.
+    pub(super) fn evaluations(&self) -> u64 {
+        self.evaluations
+    }
+
+    /// Loss and gradient, unless the run is to stop.
+    pub(super) fn evaluate(
+        &mut self,
+        parameters: &[T],
+        gradient: &mut [T],
+    ) -> Result<f64, Interrupt> {
+        self.check_stop()?;
+        let loss = self.engine.loss_and_gradient(parameters, gradient)?;
+        self.evaluations += 1;
+        let due = |evaluations: &[u64]| evaluations.contains(&self.evaluations);
+        let finite = loss.is_finite() && gradient.iter().all(|g| g.to_f64().is_finite());
+        if finite && due(&self.settings.histogram_evaluations) {
+            let architecture = self.engine.architecture();
+            let histogram = GradientHistogram::new(architecture, gradient, self.evaluations);
+            self.hooks.observer.event(Event::Gradients(&histogram));
+        }
+        if finite && due(&self.settings.snapshot_evaluations) {
+            (self.hooks.snapshot)(self.evaluations, parameters)?;
+        }
+        Ok(loss)
+    }
+
+    fn check_stop(&self) -> Result<(), Interrupt> {
+        if self.hooks.observer.cancelled() {
+            return Err(Interrupt::Stop(Termination::Cancelled));
+        }
+        let limit = self.settings.time_limit_seconds;
+        // The first evaluation is always made: without it there is no loss to report.
+        if limit > 0.0 && self.evaluations > 0 {
+            let elapsed = self.hooks.observer.seconds() - self.started;
+            if elapsed >= limit {
+                return Err(Interrupt::Stop(Termination::TimeLimit));
+            }
+        }
+        Ok(())
+    }
+
+    /// Passes on the metrics of an accepted step, and how far the run is.
+    pub(super) fn tell(&self, metrics: &Metrics) {
+        self.hooks.observer.event(Event::Metrics(metrics));
+        let share = self.evaluations as f64 / self.settings.max_evaluations as f64;
+        self.hooks.observer.event(Event::Progress(share.min(1.0)));
+    }
+}

@@ -1,0 +1,194 @@
+//! The loop around the optimisers: which one steps, when it ends, and what comes out.
+
+use super::adam::Adam;
+use super::holdout::Holdout;
+use super::iterate::{Interrupt, Iterate, Objective, Step};
+use super::lbfgs::{Lbfgs, Options};
+use super::monitor::{Hooks, Monitor};
+use super::{Metrics, Termination};
+use crate::reconstruction::error::Error;
+use crate::reconstruction::network::{Engine, Scalar};
+use crate::reconstruction::settings::{Optimizer, Training};
+
+/// A trained network.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trained<T> {
+    /// The best on the hold-out where `patience` is set and there is one, else the last.
+    pub parameters: Vec<T>,
+    /// Evaluations that were made when `parameters` were reached.
+    pub parameters_evaluation: u64,
+    /// Training loss of `parameters`.
+    pub loss: f64,
+    /// Validation loss of `parameters`; none without a hold-out.
+    pub validation_loss: Option<f64>,
+    /// Why training ended.
+    pub termination: Termination,
+    /// Accepted steps in all.
+    pub iterations: u64,
+    /// Evaluations of loss and gradient in all.
+    pub evaluations: u64,
+}
+
+/// Fits the network to the engine's training samples, starting from `parameters`.
+///
+/// # Errors
+/// [`Error::TrainingDiverged`] when loss or gradient stop being finite; [`Error::Cancelled`] when
+/// the observer stops the run before its first evaluation (later this is a [`Termination`]); what
+/// the engine and the snapshot hook report.
+///
+/// # Determinism
+/// The same arguments give the same result, unless `time_limit_seconds` ends the run.
+pub fn train<'a, T: Scalar>(
+    engine: &'a dyn Engine<T>,
+    parameters: Vec<T>,
+    settings: &'a Training,
+    hooks: Hooks<'a, T>,
+) -> Result<Trained<T>, Error> {
+    let mut run = match Run::start(engine, parameters, settings, hooks) {
+        Ok(run) => run,
+        Err(Interrupt::Stop(_)) => return Err(Error::Cancelled),
+        Err(Interrupt::Failed(error)) => return Err(error),
+    };
+    loop {
+        match run.step() {
+            Ok(None) => {}
+            Ok(Some(termination)) | Err(Interrupt::Stop(termination)) => {
+                return run.finish(termination);
+            }
+            Err(Interrupt::Failed(error)) => return Err(error),
+        }
+    }
+}
+
+struct Run<'a, T> {
+    monitor: Monitor<'a, T>,
+    settings: &'a Training,
+    at: Iterate<T>,
+    method: Method<T>,
+    holdout: Holdout<'a, T>,
+    iterations: u64,
+}
+
+impl<'a, T: Scalar> Run<'a, T> {
+    fn start(
+        engine: &'a dyn Engine<T>,
+        parameters: Vec<T>,
+        settings: &'a Training,
+        hooks: Hooks<'a, T>,
+    ) -> Result<Self, Interrupt> {
+        let mut monitor = Monitor::new(engine, settings, hooks);
+        let at = Iterate::new(parameters, &mut |p, g| monitor.evaluate(p, g))?;
+        let mut holdout = Holdout::new(engine, settings.patience);
+        holdout.visit(&at, 0, monitor.evaluations())?;
+        Ok(Self {
+            method: Method::first(settings, at.parameters.len()),
+            monitor,
+            settings,
+            at,
+            holdout,
+            iterations: 0,
+        })
+    }
+
+    /// One accepted step; the reason when it was the last.
+    fn step(&mut self) -> Result<Option<Termination>, Interrupt> {
+        let (at, monitor, settings) = (&mut self.at, &mut self.monitor, self.settings);
+        self.method.switch(settings, at, monitor.evaluations());
+        let step = self
+            .method
+            .step(at, settings, &mut |p, g| monitor.evaluate(p, g))?;
+        let evaluation = monitor.evaluations();
+        at.require_finite(evaluation)?;
+        self.iterations += 1;
+        let validation_loss = self.holdout.visit(at, self.iterations, evaluation)?;
+        monitor.tell(&Metrics {
+            iteration: self.iterations,
+            evaluation,
+            loss: at.loss,
+            validation_loss,
+            gradient_norm: at.gradient_norm(),
+            step_length: step.length,
+            weight_norms: monitor.engine().architecture().weight_norms(&at.parameters),
+        });
+        Ok(if step.termination.is_some() {
+            step.termination
+        } else if evaluation >= settings.max_evaluations {
+            Some(Termination::MaxEvaluations)
+        } else if self.holdout.exhausted(evaluation) {
+            Some(Termination::NoImprovement)
+        } else {
+            None
+        })
+    }
+
+    fn finish(self, termination: Termination) -> Result<Trained<T>, Error> {
+        let evaluations = self.monitor.evaluations();
+        let chosen = self.holdout.choose(self.at, self.iterations, evaluations)?;
+        Ok(Trained {
+            parameters: chosen.parameters,
+            parameters_evaluation: chosen.evaluation,
+            loss: chosen.loss,
+            validation_loss: chosen.validation_loss,
+            termination,
+            iterations: self.iterations,
+            evaluations,
+        })
+    }
+}
+
+/// The optimiser at work.
+enum Method<T> {
+    Adam(Adam),
+    Lbfgs(Lbfgs<T>),
+}
+
+impl<T: Scalar> Method<T> {
+    /// The one to begin with, after the first evaluation.
+    fn first(settings: &Training, dimension: usize) -> Self {
+        match settings.optimizer {
+            Optimizer::Lbfgs => Self::lbfgs(settings, dimension, 1),
+            Optimizer::Adam | Optimizer::AdamLbfgs => {
+                Self::Adam(Adam::new(dimension, settings.adam_learning_rate))
+            }
+        }
+    }
+
+    fn lbfgs(settings: &Training, dimension: usize, evaluations: u64) -> Self {
+        let options = Options {
+            learning_rate: settings.learning_rate,
+            history: settings.history,
+            tolerance_gradient: settings.tolerance_gradient,
+            tolerance_change: settings.tolerance_change,
+            max_iterations: settings.max_iterations,
+            max_evaluations: settings.max_evaluations,
+        };
+        Self::Lbfgs(Lbfgs::new(dimension, options, evaluations))
+    }
+
+    /// Goes from Adam to L-BFGS when it is time; the last evaluation of Adam is the first of L-BFGS.
+    fn switch(&mut self, settings: &Training, at: &Iterate<T>, evaluations: u64) {
+        let due = settings.optimizer == Optimizer::AdamLbfgs
+            && evaluations >= settings.adam_evaluations.max(1);
+        if due && matches!(self, Self::Adam(_)) {
+            *self = Self::lbfgs(settings, at.parameters.len(), evaluations);
+        }
+    }
+
+    fn step(
+        &mut self,
+        at: &mut Iterate<T>,
+        settings: &Training,
+        objective: &mut Objective<'_, T>,
+    ) -> Result<Step, Interrupt> {
+        match self {
+            Self::Lbfgs(lbfgs) => lbfgs.step(at, objective),
+            Self::Adam(_) if at.is_stationary(settings.tolerance_gradient) => {
+                Err(Interrupt::Stop(Termination::ConvergedGradient))
+            }
+            Self::Adam(_) if settings.max_evaluations <= 1 => {
+                Err(Interrupt::Stop(Termination::MaxEvaluations))
+            }
+            Self::Adam(adam) => adam.step(at, objective),
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! One crate has no layers that the compiler enforces; this reads the sources instead.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A room, and what its sources must not name.
+struct Room {
+    folder: &'static str,
+    refused: &'static [&'static str],
+}
+
+const ROOMS: &[Room] = &[Room {
+    folder: "src/reconstruction",
+    refused: &[
+        "crate::cli",
+        "crate::config",
+        "crate::jobs",
+        "crate::http",
+        "tokio",
+        "sqlx",
+        "axum",
+        "tracing",
+        "anyhow",
+        "std::env",
+        "std::fs",
+        "std::time",
+        "std::net",
+        "std::process",
+        "Instant",
+        "SystemTime",
+        "println!",
+        "eprintln!",
+    ],
+}];
+
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(sources(&path));
+        } else if path.extension().is_some_and(|ending| ending == "rs") {
+            found.push(path);
+        }
+    }
+    found.sort();
+    found
+}
+
+/// The code of a line: without its comment.
+fn code(line: &str) -> &str {
+    line.split("//").next().unwrap_or_default()
+}
+
+fn names(line: &str, word: &str) -> bool {
+    let boundary = |c: Option<char>| !c.is_some_and(|c| c.is_alphanumeric() || c == '_');
+    line.match_indices(word).any(|(at, _)| {
+        boundary(line[..at].chars().next_back())
+            && (word.ends_with('!') || boundary(line[at + word.len()..].chars().next()))
+    })
+}
+
+#[test]
+fn rooms_use_only_what_they_may() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut wrong = Vec::new();
+    for room in ROOMS {
+        let files = sources(&root.join(room.folder));
+        assert!(!files.is_empty(), "{} has no sources: is the folder renamed?", room.folder);
+        for file in files {
+            let text = fs::read_to_string(&file).unwrap();
+            for (number, line) in text.lines().enumerate() {
+                for word in room.refused.iter().filter(|word| names(code(line), word)) {
+                    let file = file.strip_prefix(root).unwrap().display();
+                    wrong.push(format!("{file}:{}: {word}", number + 1));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "named where they must not be:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn files_stay_small() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for folder in ["src", "tests", "benches"] {
+        for file in sources(&root.join(folder)) {
+            let lines = fs::read_to_string(&file).unwrap().lines().count();
+            assert!(lines <= 400, "{} has {lines} lines: more than one noun?", file.display());
+        }
+    }
+}
+
+#[test]
+fn a_wrong_way_is_seen() {
+    assert!(names("use tokio::sync;", "tokio"));
+    assert!(names("use crate::http::router;", "crate::http"));
+    assert!(!names("use crate::http_like;", "crate::http"));
+    assert!(!names(code("let a = 1; // tokio is not used"), "tokio"));
+}

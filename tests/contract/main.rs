@@ -1,0 +1,5 @@
+//! Tests of what the project promises: the way of its rooms, and the command line.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod architecture;
+mod command_line;
