@@ -1,6 +1,8 @@
 //! Tests of the service. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod http_clouds;
+mod http_support;
 mod store_catalogue;
 mod store_content;
 mod store_life;
