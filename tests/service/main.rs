@@ -2,6 +2,9 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod http_clouds;
+mod http_door;
+mod http_idempotency;
+mod http_jobs;
 mod http_support;
 mod store_catalogue;
 mod store_content;
