@@ -11,7 +11,7 @@ use crate::reconstruction::cloud::Format;
 
 /// Arguments of `meshway inspect`.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// The file.
     file: PathBuf,
     /// Ending of a file name, for contents that do not show their format.

@@ -24,7 +24,11 @@ pub(super) fn path(app: &AppState, sha256: &str) -> PathBuf {
 /// What is wrong with the cloud, the disk or the database.
 pub(super) async fn keep(app: &AppState, upload: Upload) -> Result<(Cloud, bool)> {
     let known = app.store.cloud_by_sha256(&upload.spooled.sha256).await?;
-    if let Some(cloud) = known {
+    if let Some(cloud) = known
+        && tokio::fs::try_exists(path(app, &cloud.sha256))
+            .await
+            .unwrap_or(false)
+    {
         return Ok((cloud, false));
     }
     let summary = inspect::read(app, &upload).await?;

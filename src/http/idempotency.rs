@@ -4,6 +4,8 @@
 //! is one (a submitted job), else right after it. Only successes are kept: a refused request may be
 //! mended and sent again, and one that was hung up on may be tried again.
 
+use std::time::Duration;
+
 use axum::body::{Body, to_bytes};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri};
 use axum::response::Response;
@@ -23,6 +25,27 @@ const MAX_KEY_LENGTH: usize = 255;
 
 /// Headers that belong to an answer and are given again.
 const KEPT_HEADERS: [&str; 5] = ["content-type", "location", "etag", "retry-after", "link"];
+
+/// How long an answer is kept, in milliseconds.
+const KEPT_MS: i64 = 24 * 60 * 60 * 1_000;
+
+/// How often old answers are forgotten.
+const TIDY_EVERY: Duration = Duration::from_mins(10);
+
+/// Frees the keys that were in flight when the last server died, then forgets old answers as time
+/// goes by. Never ends.
+pub(super) async fn tidy(app: AppState) {
+    if let Err(error) = app.store.idempotency_abandon_all().await {
+        tracing::warn!(error.message = %error, "keys in flight could not be freed");
+    }
+    loop {
+        let before = app.store.now() - KEPT_MS;
+        if let Err(error) = app.store.idempotency_prune(before).await {
+            tracing::warn!(error.message = %error, "old answers could not be forgotten");
+        }
+        tokio::time::sleep(TIDY_EVERY).await;
+    }
+}
 
 /// A request as far as repetition is concerned.
 #[derive(Debug, Clone)]

@@ -114,3 +114,56 @@ fn known(method: &Method) -> &'static str {
         _ => "other",
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use tokio_util::sync::CancellationToken;
+    use tower::ServiceExt;
+
+    use super::*;
+    use crate::config::Config;
+    use crate::http::{App, Workers};
+    use crate::jobs::{Options, Store};
+
+    #[derive(Parser)]
+    struct Flags {
+        #[command(flatten)]
+        config: Config,
+    }
+
+    async fn breaks() -> axum::http::StatusCode {
+        panic!("secret")
+    }
+
+    #[tokio::test]
+    async fn a_panic_becomes_a_problem_that_tells_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path(), Options::default())
+            .await
+            .unwrap();
+        let (_, workers) = tokio::sync::watch::channel(Workers::default());
+        let config = Flags::parse_from(["t"]).config;
+        let app = App::new(
+            store,
+            config,
+            workers,
+            CancellationToken::new(),
+            "meshway".into(),
+        );
+        let router = axum::Router::new()
+            .route("/", axum::routing::get(breaks))
+            .layer(axum::middleware::from_fn_with_state(app, observe));
+        let request = Request::get("/").body(Body::empty()).unwrap();
+        let response = router.oneshot(request).await.unwrap();
+        assert_eq!(response.status(), 500);
+        let id = response.headers()[REQUEST_ID].clone();
+        let body = axum::body::to_bytes(response.into_body(), 10_000)
+            .await
+            .unwrap();
+        let problem: serde_json::Value = serde_json::from_slice(&body).unwrap();
+        assert_eq!(problem["code"], "internal");
+        assert_eq!(problem["request_id"], id.to_str().unwrap());
+        assert!(!problem.to_string().contains("secret"));
+    }
+}

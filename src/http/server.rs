@@ -12,7 +12,7 @@ use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
-use super::{AppState, router};
+use super::{AppState, idempotency, router};
 
 /// Time that requests under way have to end after the shutdown began.
 const DRAIN: Duration = Duration::from_secs(10);
@@ -28,6 +28,7 @@ pub async fn serve(listener: TcpListener, app: AppState) {
     let places = Arc::new(Semaphore::new(app.config.max_connections as usize));
     let graceful = GracefulShutdown::new();
     let cut = CancellationToken::new();
+    let tidying = tokio::spawn(idempotency::tidy(AppState::clone(&app)));
     let service = router(app);
     loop {
         let accepted = tokio::select! {
@@ -62,6 +63,7 @@ pub async fn serve(listener: TcpListener, app: AppState) {
         });
     }
     drop(listener);
+    tidying.abort();
     tokio::select! {
         () = graceful.shutdown() => {}
         () = tokio::time::sleep(DRAIN) => {

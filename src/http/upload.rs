@@ -23,6 +23,9 @@ const BATCH: usize = 256 * 1024;
 /// Most bytes of a JSON body, and of the `job` part of a form.
 pub(super) const JSON_LIMIT: usize = 64 * 1024;
 
+/// How long the rest of a refused body is read.
+const LINGER: Duration = Duration::from_secs(2);
+
 /// An uploaded file that is not a cloud yet.
 #[derive(Debug)]
 pub(super) struct Upload {
@@ -91,10 +94,24 @@ async fn raw(app: &AppState, headers: &HeaderMap, body: Body) -> Result<Spooled>
     let declared = declared_bytes(headers)?;
     let mut receiver = Receiver::new(app, encoding, declared)?;
     let mut stream = body.into_data_stream();
-    while let Some(chunk) = next(app, &mut stream).await? {
-        receiver.push(&chunk).await?;
+    let taken = async {
+        while let Some(chunk) = next(app, &mut stream).await? {
+            receiver.push(&chunk).await?;
+        }
+        Ok(())
+    };
+    if let Err(error) = taken.await {
+        linger(stream);
+        return Err(error);
     }
     receiver.finish().await
+}
+
+/// Goes on reading a refused body for a while: closing a socket with unread bytes resets the
+/// connection, and a client that still writes would lose the answer.
+fn linger(mut stream: BodyDataStream) {
+    let drained = async move { while let Some(Ok(_)) = stream.next().await {} };
+    tokio::spawn(tokio::time::timeout(LINGER, drained));
 }
 
 async fn form(app: &AppState, request: Request) -> Result<Payload> {

@@ -20,7 +20,7 @@ use crate::reconstruction::mesh::write::Format;
 const POLL: Duration = Duration::from_secs(1);
 
 /// Shortest pause: every commit wakes all waits, whosever job it was.
-const PAUSE: Duration = Duration::from_millis(50);
+const PAUSE: Duration = Duration::from_millis(100);
 
 /// How a client wants to be answered.
 #[derive(Debug, Clone)]

@@ -199,6 +199,25 @@ async fn silent_and_halting_clients_are_let_go() {
 }
 
 #[tokio::test]
+async fn a_client_that_still_writes_gets_its_refusal() {
+    let service = Service::with(&["--body-limit-mib=1"]).await;
+    let (address, _serving) = served(&service).await;
+    let connection = TcpStream::connect(&address).await.unwrap();
+    let (mut reader, mut writer) = connection.into_split();
+    let head = "POST /v1/clouds HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n";
+    writer.write_all(head.as_bytes()).await.unwrap();
+    let chunk = format!("10000\r\n{}\r\n", "1".repeat(0x10000));
+    // Four times the limit, all of it written before the answer is looked at.
+    for _ in 0..64 {
+        writer.write_all(chunk.as_bytes()).await.unwrap();
+    }
+    writer.write_all(b"0\r\n\r\n").await.unwrap();
+    let mut answer = vec![0; 12];
+    reader.read_exact(&mut answer).await.unwrap();
+    assert_eq!(answer, b"HTTP/1.1 413");
+}
+
+#[tokio::test]
 async fn a_stop_lets_requests_end_and_closes_the_port() {
     let service = Service::new().await;
     let (address, serving) = served(&service).await;

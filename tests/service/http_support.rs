@@ -1,6 +1,7 @@
 //! A service in process, over a temporary folder; its worker is the test, through the store.
 
 use std::future::Future;
+use std::io::Write;
 use std::time::Duration;
 
 use axum::Router;
@@ -270,4 +271,15 @@ pub(crate) fn tetrahedron() -> Vec<u8> {
 
 pub(crate) fn job_id(text: &str) -> JobId {
     text.parse().unwrap()
+}
+
+pub(crate) fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+pub(crate) fn encoded(encoding: &str, body: Vec<u8>) -> Request<Body> {
+    let request = Request::post("/v1/clouds").header("content-encoding", encoding);
+    request.body(body.into()).unwrap()
 }
