@@ -14,5 +14,7 @@
 //! on a wrong way.
 
 pub mod cli;
+pub mod config;
+pub mod http;
 pub mod jobs;
 pub mod reconstruction;

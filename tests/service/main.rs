@@ -1,6 +1,14 @@
 //! Tests of the service. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod http_clouds;
+mod http_door;
+mod http_idempotency;
+mod http_jobs;
+mod http_lists;
+mod http_support;
+mod http_uploads;
+mod http_waits;
 mod store_catalogue;
 mod store_content;
 mod store_life;
