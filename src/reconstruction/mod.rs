@@ -17,6 +17,7 @@
 
 pub mod cloud;
 pub mod mesh;
+pub mod model;
 pub mod network;
 pub mod quality;
 pub mod random;
