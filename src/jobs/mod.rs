@@ -31,6 +31,8 @@ mod error;
 mod id;
 mod job;
 pub mod store;
+pub mod supervisor;
+pub mod worker;
 
 pub use attempt::{
     Claim, FailureReason, Fault, Lease, NewEvent, NewMesh, Problem, Record, Success,
