@@ -45,5 +45,8 @@ pub use store::{
     Checkpoint, Event, Idempotency, IdempotencyState, MeshInfo, Options, Store, StoredResponse,
 };
 
+pub use supervisor::{Supervisor, Workers};
+pub use worker::Worker;
+
 /// Result of the room.
 pub type Result<T> = std::result::Result<T, Error>;

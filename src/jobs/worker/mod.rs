@@ -56,6 +56,11 @@ pub struct Signals {
     pub committed: Box<dyn Fn(&JobId) + Send + Sync>,
 }
 
+/// The name of the worker process of a slot: no two processes have the same at one time.
+pub fn worker_name(slot: u16, pid: u32) -> String {
+    format!("worker-{slot}-{pid}")
+}
+
 /// How a worker ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
