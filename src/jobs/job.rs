@@ -19,9 +19,7 @@ use crate::reconstruction::{Phase, Preset, Settings};
 ///   |                  `--cancel-------------------> cancelled
 ///   `--cancel--------------------------------------> cancelled
 /// ```
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// Waits for a worker.
@@ -232,7 +230,11 @@ mod tests {
         ];
         for from in Status::ALL {
             for to in Status::ALL {
-                assert_eq!(from.may_become(to), legal.contains(&(from, to)), "{from} {to}");
+                assert_eq!(
+                    from.may_become(to),
+                    legal.contains(&(from, to)),
+                    "{from} {to}"
+                );
             }
         }
     }
