@@ -66,7 +66,11 @@ fn rooms_use_only_what_they_may() {
     let mut wrong = Vec::new();
     for room in ROOMS {
         let files = sources(&root.join(room.folder));
-        assert!(!files.is_empty(), "{} has no sources: is the folder renamed?", room.folder);
+        assert!(
+            !files.is_empty(),
+            "{} has no sources: is the folder renamed?",
+            room.folder
+        );
         for file in files {
             let text = fs::read_to_string(&file).unwrap();
             for (number, line) in text.lines().enumerate() {
@@ -77,7 +81,11 @@ fn rooms_use_only_what_they_may() {
             }
         }
     }
-    assert!(wrong.is_empty(), "named where they must not be:\n{}", wrong.join("\n"));
+    assert!(
+        wrong.is_empty(),
+        "named where they must not be:\n{}",
+        wrong.join("\n")
+    );
 }
 
 #[test]
@@ -86,7 +94,11 @@ fn files_stay_small() {
     for folder in ["src", "tests", "benches"] {
         for file in sources(&root.join(folder)) {
             let lines = fs::read_to_string(&file).unwrap().lines().count();
-            assert!(lines <= 400, "{} has {lines} lines: more than one noun?", file.display());
+            assert!(
+                lines <= 400,
+                "{} has {lines} lines: more than one noun?",
+                file.display()
+            );
         }
     }
 }

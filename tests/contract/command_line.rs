@@ -28,7 +28,10 @@ fn fail(folder: &Path, arguments: &[&str], code: i32) -> String {
     let output = meshway(folder, arguments);
     let message = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
-    assert!(!message.contains("panicked") && message.len() < 4_000, "{arguments:?}: {message}");
+    assert!(
+        !message.contains("panicked") && message.len() < 4_000,
+        "{arguments:?}: {message}"
+    );
     message
 }
 
@@ -66,7 +69,18 @@ fn strings(arguments: &[String]) -> Vec<&str> {
 fn a_cloud_becomes_a_closed_mesh_with_its_record() {
     let folder = TempDir::new().unwrap();
     let folder = folder.path();
-    succeed(folder, &["sample", "sphere:2", "-n", "500", "--interior=50", "-o", "cloud.ply"]);
+    succeed(
+        folder,
+        &[
+            "sample",
+            "sphere:2",
+            "-n",
+            "500",
+            "--interior=50",
+            "-o",
+            "cloud.ply",
+        ],
+    );
     let more = &[
         "--report=report.json",
         "--metrics=metrics.csv",
@@ -87,14 +101,24 @@ fn a_cloud_becomes_a_closed_mesh_with_its_record() {
     let metrics = fs::read_to_string(folder.join("metrics.csv")).unwrap();
     let columns = metrics.lines().next().unwrap().split(',').count();
     assert!(metrics.lines().count() > 20);
-    assert!(metrics.lines().all(|line| line.split(',').count() == columns));
-    assert_eq!(read_json(&folder.join("gradients.json"))[0]["evaluation"], 10);
+    assert!(
+        metrics
+            .lines()
+            .all(|line| line.split(',').count() == columns)
+    );
+    assert_eq!(
+        read_json(&folder.join("gradients.json"))[0]["evaluation"],
+        10
+    );
     assert!(folder.join("40.obj").is_file());
 
     let judged = succeed(folder, &["evaluate", "mesh.obj", "sphere:2"]);
     let judged: Value = serde_json::from_str(&judged).unwrap();
     // In % of the diagonal; a radius off by 1 % would be 0.29.
-    assert!(judged["comparison"]["chamfer_percent"].as_f64().unwrap() < 0.3, "{judged}");
+    assert!(
+        judged["comparison"]["chamfer_percent"].as_f64().unwrap() < 0.3,
+        "{judged}"
+    );
 }
 
 #[test]
@@ -103,53 +127,106 @@ fn the_same_run_gives_the_same_bytes() {
     let folder = folder.path();
     succeed(folder, &["sample", "torus", "-n", "400", "-o", "cloud.xyz"]);
     for mesh in ["a.ply", "b.ply"] {
-        succeed(folder, &strings(&quick("cloud.xyz", mesh, &["--threads=1"])));
+        succeed(
+            folder,
+            &strings(&quick("cloud.xyz", mesh, &["--threads=1"])),
+        );
     }
-    assert_eq!(fs::read(folder.join("a.ply")).unwrap(), fs::read(folder.join("b.ply")).unwrap());
+    assert_eq!(
+        fs::read(folder.join("a.ply")).unwrap(),
+        fs::read(folder.join("b.ply")).unwrap()
+    );
 }
 
 #[test]
 fn files_of_labelled_points_and_standard_output() {
     let folder = TempDir::new().unwrap();
     let folder = folder.path();
-    succeed(folder, &["sample", "sphere", "-n", "300", "-o", "surface.xyz"]);
-    succeed(folder, &["sample", "sphere:0.5", "-n", "60", "-o", "interior.xyz"]);
-    succeed(folder, &["sample", "sphere:1.6", "-n", "60", "-o", "exterior.xyz"]);
+    succeed(
+        folder,
+        &["sample", "sphere", "-n", "300", "-o", "surface.xyz"],
+    );
+    succeed(
+        folder,
+        &["sample", "sphere:0.5", "-n", "60", "-o", "interior.xyz"],
+    );
+    succeed(
+        folder,
+        &["sample", "sphere:1.6", "-n", "60", "-o", "exterior.xyz"],
+    );
     let output = meshway(
         folder,
         &[
-            "reconstruct", "surface.xyz", "--interior=interior.xyz", "--exterior=exterior.xyz",
-            "--preset=paper", "--set=training.max_evaluations=40", "--format=off", "-o", "-", "-q",
+            "reconstruct",
+            "surface.xyz",
+            "--interior=interior.xyz",
+            "--exterior=exterior.xyz",
+            "--preset=paper",
+            "--set=training.max_evaluations=40",
+            "--format=off",
+            "-o",
+            "-",
+            "-q",
         ],
     );
     assert!(output.status.success());
-    assert!(output.stdout.starts_with(b"NOFF"), "{:?}", &output.stdout[..20]);
-    assert_eq!(names(folder), ["exterior.xyz", "interior.xyz", "surface.xyz"]);
+    assert!(
+        output.stdout.starts_with(b"NOFF"),
+        "{:?}",
+        &output.stdout[..20]
+    );
+    assert_eq!(
+        names(folder),
+        ["exterior.xyz", "interior.xyz", "surface.xyz"]
+    );
 }
 
 #[test]
 fn every_kind_of_failure_has_its_exit_code_and_leaves_nothing() {
     let folder = TempDir::new().unwrap();
     let folder = folder.path();
-    fs::write(folder.join("garbage.ply"), b"ply\nformat ascii 1.0\nelement vertex 99999\n").unwrap();
+    fs::write(
+        folder.join("garbage.ply"),
+        b"ply\nformat ascii 1.0\nelement vertex 99999\n",
+    )
+    .unwrap();
     fs::write(folder.join("line.xyz"), "0 0 0\n1 1 1\n".repeat(20)).unwrap();
     fs::write(folder.join("row.xyz"), "0 0 0\n1 x 1\n").unwrap();
-    fs::write(folder.join("huge.xyz"), "1e30 0 0\n0 1e30 0\n0 0 1e30\n1 2 3\n".repeat(9)).unwrap();
+    fs::write(
+        folder.join("huge.xyz"),
+        "1e30 0 0\n0 1e30 0\n0 0 1e30\n1 2 3\n".repeat(9),
+    )
+    .unwrap();
     fs::write(folder.join("empty.xyz"), "").unwrap();
-    succeed(folder, &["sample", "sphere", "-n", "100", "-o", "cloud.xyz"]);
+    succeed(
+        folder,
+        &["sample", "sphere", "-n", "100", "-o", "cloud.xyz"],
+    );
     let before = names(folder);
 
-    let refused = &["--set=network.width=0", "--set=training.sed=1", "--set=surface.resolution=9999"];
+    let refused = &[
+        "--set=network.width=0",
+        "--set=training.sed=1",
+        "--set=surface.resolution=9999",
+    ];
     let message = fail(folder, &strings(&quick("cloud.xyz", "m.ply", refused)), 2);
     for pointer in ["/network/width", "/training/sed", "/surface/resolution"] {
         assert!(message.contains(pointer), "{message}");
     }
     fail(folder, &strings(&quick("cloud.xyz", "m.docx", &[])), 2);
-    fail(folder, &strings(&quick("cloud.xyz", "nowhere/m.ply", &[])), 2);
+    fail(
+        folder,
+        &strings(&quick("cloud.xyz", "nowhere/m.ply", &[])),
+        2,
+    );
     fail(folder, &["sample", "cube", "-o", "c.ply"], 2);
     fail(folder, &["reconstruct"], 2);
     // Labels that the paper's way needs and the cloud does not have.
-    let message = fail(folder, &["reconstruct", "cloud.xyz", "--preset=paper", "-qo", "m.ply"], 2);
+    let message = fail(
+        folder,
+        &["reconstruct", "cloud.xyz", "--preset=paper", "-qo", "m.ply"],
+        2,
+    );
     assert!(message.contains("interior"), "{message}");
 
     for (cloud, named) in [
@@ -180,14 +257,16 @@ fn help_names_every_flag_of_the_readme() {
         .filter(|word| word.starts_with("--"))
         .map(|word| word.split('=').next().unwrap());
     for flag in flags {
-        assert!(help.contains(flag), "README uses {flag}, which `reconstruct` does not have");
+        assert!(
+            help.contains(flag),
+            "README uses {flag}, which `reconstruct` does not have"
+        );
     }
 }
 
 #[test]
 fn presets_are_complete_settings() {
-    let all: Value =
-        serde_json::from_str(&succeed(Path::new("."), &["presets"])).unwrap();
+    let all: Value = serde_json::from_str(&succeed(Path::new("."), &["presets"])).unwrap();
     assert_eq!(all["balanced"]["surface"]["resolution"], 256);
     assert_eq!(all["paper"]["training"]["learning_rate"], 0.1);
     assert_eq!(all.as_object().unwrap().len(), 4);

@@ -1,0 +1,72 @@
+//! The one bag of what handlers need.
+
+use std::sync::Arc;
+
+use tokio::sync::{Semaphore, watch};
+use tokio_util::sync::CancellationToken;
+
+use super::disk::Disk;
+use super::telemetry::Telemetry;
+use crate::config::Config;
+use crate::jobs::Store;
+
+/// Shared by all requests.
+pub type AppState = Arc<App>;
+
+/// What handlers need.
+pub struct App {
+    /// Rows of clouds and jobs. Its commits wake event streams and the supervisor.
+    pub store: Store,
+    /// Flags of the operator.
+    pub config: Config,
+    /// Guards the space that is kept free.
+    pub disk: Disk,
+    /// Counters for Prometheus.
+    pub telemetry: Telemetry,
+    /// What the supervisor says of its workers.
+    pub workers: watch::Receiver<Workers>,
+    /// Cancelled when the service stops: new work is refused, streams and waits end.
+    pub shutdown: CancellationToken,
+    /// When the service started, in milliseconds since the epoch.
+    pub started_at: i64,
+    /// Bytes, in KiB, of the uploads that may be parsed at the same time.
+    pub(super) parsing: Arc<Semaphore>,
+}
+
+/// Most bytes of uploads that are parsed at the same time, in KiB: a parsed cloud takes up to
+/// about 20 times its file.
+pub(super) const PARSED_KIB: u32 = 64 * 1024;
+
+/// Worker processes, as the supervisor last saw them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Workers {
+    /// Those that run and hold a job.
+    pub busy: u32,
+    /// Those that run and wait for one.
+    pub idle: u32,
+    /// Those that are about to be started again.
+    pub starting: u32,
+    /// Starts after a death since the service started.
+    pub restarts: u64,
+}
+
+impl App {
+    /// The state of a service over an open store.
+    pub fn new(
+        store: Store,
+        config: Config,
+        workers: watch::Receiver<Workers>,
+        shutdown: CancellationToken,
+    ) -> AppState {
+        Arc::new(Self {
+            disk: Disk::new(&config),
+            telemetry: Telemetry::default(),
+            started_at: store.now(),
+            parsing: Arc::new(Semaphore::new(PARSED_KIB as usize)),
+            store,
+            config,
+            workers,
+            shutdown,
+        })
+    }
+}
