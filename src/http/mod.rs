@@ -4,20 +4,26 @@
 //! has a file. Handlers know neither SQL nor tensors: they read rows through [`crate::jobs`] and
 //! write JSON. Everything that can go wrong leaves as a problem of `error`.
 
+mod cloud_files;
 mod clouds;
 mod disk;
 mod download;
 pub mod error;
 mod extract;
 mod idempotency;
+pub mod inspect;
 mod jobs;
 mod observe;
+mod page;
 mod server;
+mod spool;
 mod state;
 mod telemetry;
 mod time;
+mod upload;
 
 use axum::Router;
+use axum::extract::DefaultBodyLimit;
 use axum::handler::Handler;
 use axum::http::Method;
 use axum::http::Uri;
@@ -30,6 +36,9 @@ pub use disk::{Disk, Space};
 pub use server::serve;
 pub use state::{App, AppState, Workers};
 pub use telemetry::Telemetry;
+
+/// Bytes that a form may have beyond its file: names, boundaries, the `job` part.
+const FORM_OVERHEAD: usize = 1 << 20;
 
 /// One row of the API: a method, a path, and who answers.
 struct Operation {
@@ -69,12 +78,15 @@ pub fn operations() -> Vec<(String, &'static str)> {
 /// The API over a state, ready to be served or called by a test.
 pub fn router(state: AppState) -> Router {
     let routes = intake().into_iter().chain(results());
+    // Bodies are held to their limits where they are read; this one is for forms, which axum reads.
+    let form_limit = state.config.body_limit_bytes() as usize + FORM_OVERHEAD;
     routes
         .fold(Router::new(), |router, row| {
             router.route(row.path, row.handler)
         })
         .fallback(nothing_here)
         .method_not_allowed_fallback(wrong_method)
+        .layer(DefaultBodyLimit::max(form_limit))
         .layer(middleware::from_fn_with_state(
             state.clone(),
             observe::observe,

@@ -1,11 +1,13 @@
 //! The one bag of what handlers need.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::{RwLock, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 
 use super::disk::Disk;
+use super::error::{ApiError, Code, Result};
 use super::telemetry::Telemetry;
 use crate::config::Config;
 use crate::jobs::Store;
@@ -31,6 +33,10 @@ pub struct App {
     pub started_at: i64,
     /// Bytes, in KiB, of the uploads that may be parsed at the same time.
     pub(super) parsing: Arc<Semaphore>,
+    /// Shared by uploads, taken alone by erasing: see `cloud_files`.
+    pub(super) cloud_files: RwLock<()>,
+    /// This program, of which a child reads large files.
+    pub(super) program: PathBuf,
 }
 
 /// Most bytes of uploads that are parsed at the same time, in KiB: a parsed cloud takes up to
@@ -51,22 +57,48 @@ pub struct Workers {
 }
 
 impl App {
-    /// The state of a service over an open store.
+    /// The state of a service over an open store; `program` is the `meshway` to start children of.
     pub fn new(
         store: Store,
         config: Config,
         workers: watch::Receiver<Workers>,
         shutdown: CancellationToken,
+        program: PathBuf,
     ) -> AppState {
         Arc::new(Self {
             disk: Disk::new(&config),
             telemetry: Telemetry::default(),
             started_at: store.now(),
+            cloud_files: RwLock::new(()),
+            program,
             parsing: Arc::new(Semaphore::new(PARSED_KIB as usize)),
             store,
             config,
             workers,
             shutdown,
         })
+    }
+
+    /// Whether new work is taken.
+    ///
+    /// # Errors
+    /// [`Code::Draining`] while the service stops, [`Code::InsufficientStorage`] below the reserve.
+    pub(super) fn check_accepting(&self) -> Result<()> {
+        if self.shutdown.is_cancelled() {
+            let detail = "the service is about to stop; another one may take over";
+            return Err(ApiError::new(Code::Draining, detail).retry_after(10));
+        }
+        self.disk.check(0)
+    }
+
+    /// Makes the folders of the data folder; to be called before the first upload.
+    ///
+    /// # Errors
+    /// When a folder cannot be made.
+    pub fn make_folders(config: &Config) -> std::io::Result<()> {
+        for folder in ["clouds", "tmp", "cache"] {
+            std::fs::create_dir_all(config.data_dir.join(folder))?;
+        }
+        Ok(())
     }
 }
