@@ -17,9 +17,8 @@ pub(super) fn preferred<T: Copy>(headers: &HeaderMap, offers: &[(&str, T)]) -> O
             Some((specific, range.1, place))
         };
         let best = ranges.iter().enumerate().filter_map(fits);
-        let (_, quality, place) = best.max_by_key(|(specific, _, place)| {
-            (*specific, std::cmp::Reverse(*place))
-        })?;
+        let (_, quality, place) =
+            best.max_by_key(|(specific, _, place)| (*specific, std::cmp::Reverse(*place)))?;
         (quality > 0.0).then_some((quality, place))
     };
     let mut best: Option<((f64, usize), T)> = None;

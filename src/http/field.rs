@@ -53,7 +53,11 @@ pub(super) async fn evaluate(
     succeeded(app.store.job(&id).await?)?;
     let model = app.store.model(&id).await?;
     let (model, _) = model.ok_or_else(|| ApiError::not_found("model"))?;
-    let _turn = app.evaluations.acquire().await.map_err(ApiError::internal)?;
+    let _turn = app
+        .evaluations
+        .acquire()
+        .await
+        .map_err(ApiError::internal)?;
     let answer = move || answer(&model, points, with_gradients);
     let answer = tokio::task::spawn_blocking(answer).await;
     Ok(Json(answer.map_err(ApiError::internal)??).into_response())
@@ -75,7 +79,9 @@ fn answer(model: &[u8], mut points: Vec<Vec3>, with_gradients: bool) -> Result<V
     }
     let mut values = vec![0.0; points.len()];
     if !with_gradients {
-        network.values(&points, &mut values).map_err(ApiError::internal)?;
+        network
+            .values(&points, &mut values)
+            .map_err(ApiError::internal)?;
         return Ok(json!({ "values": values }));
     }
     let mut gradients = vec![[0.0; 3]; points.len()];

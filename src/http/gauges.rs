@@ -54,7 +54,6 @@ labels! {
 type Number = Gauge<f64, AtomicU64>;
 
 /// The metrics of one server.
-#[derive(Default)]
 pub(super) struct Gauges {
     jobs: Family<ByStatus, Gauge>,
     finished: Family<Finished, Counter>,
@@ -82,26 +81,78 @@ impl Gauges {
             queue_wait: Histogram::new(SECONDS),
             triangles: Histogram::new(TRIANGLES),
             phases: Family::new_with_constructor(|| Histogram::new(SECONDS)),
-            ..Self::default()
+            jobs: Family::default(),
+            finished: Family::default(),
+            attempts: Family::default(),
+            oldest: Gauge::default(),
+            workers: Family::default(),
+            restarts: Counter::default(),
+            evaluations: Family::default(),
+            loss: Family::default(),
+            storage: Family::default(),
+            free: Gauge::default(),
+            streams: Gauge::default(),
+            busy: Counter::default(),
+            running: Mutex::default(),
         };
         let g = &gauges;
         let build = Info::new([("version", env!("CARGO_PKG_VERSION"))]);
         registry.register("build", "Version of the service", build);
         registry.register("jobs", "Jobs by status", g.jobs.clone());
         registry.register("jobs_finished", "Jobs that ended", g.finished.clone());
-        registry.register("job_queue_wait_seconds", "Wait for a worker", g.queue_wait.clone());
+        registry.register(
+            "job_queue_wait_seconds",
+            "Wait for a worker",
+            g.queue_wait.clone(),
+        );
         registry.register("job_phase_seconds", "Time in each phase", g.phases.clone());
-        registry.register("job_attempts", "Attempts, by why they were made", g.attempts.clone());
-        registry.register("queue_oldest_age_seconds", "Age of the first in the queue", g.oldest.clone());
+        registry.register(
+            "job_attempts",
+            "Attempts, by why they were made",
+            g.attempts.clone(),
+        );
+        registry.register(
+            "queue_oldest_age_seconds",
+            "Age of the first in the queue",
+            g.oldest.clone(),
+        );
         registry.register("workers", "Worker processes", g.workers.clone());
-        registry.register("worker_restarts", "Workers started again", g.restarts.clone());
-        registry.register("training_evaluations", "Evaluations of loss and gradient", g.evaluations.clone());
-        registry.register("training_loss", "Last loss of each busy worker", g.loss.clone());
-        registry.register("mesh_triangles", "Triangles of results", g.triangles.clone());
-        registry.register("storage_bytes", "Bytes in the data folder", g.storage.clone());
-        registry.register("storage_free_bytes", "Bytes that can still be written", g.free.clone());
+        registry.register(
+            "worker_restarts",
+            "Workers started again",
+            g.restarts.clone(),
+        );
+        registry.register(
+            "training_evaluations",
+            "Evaluations of loss and gradient",
+            g.evaluations.clone(),
+        );
+        registry.register(
+            "training_loss",
+            "Last loss of each busy worker",
+            g.loss.clone(),
+        );
+        registry.register(
+            "mesh_triangles",
+            "Triangles of results",
+            g.triangles.clone(),
+        );
+        registry.register(
+            "storage_bytes",
+            "Bytes in the data folder",
+            g.storage.clone(),
+        );
+        registry.register(
+            "storage_free_bytes",
+            "Bytes that can still be written",
+            g.free.clone(),
+        );
         registry.register("sse_streams", "Open event streams", g.streams.clone());
-        registry.register("database_busy", "Requests refused by a busy database", g.busy.clone());
+        registry.register(
+            "database_busy",
+            "Requests refused by a busy database",
+            g.busy.clone(),
+        );
         gauges
     }
 
@@ -149,7 +200,9 @@ impl Gauges {
         let mut running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((phase, since)) = running.remove(&event.job_id) {
             let seconds = (event.time - since).max(0) as f64 / 1e3;
-            self.phases.get_or_create(&ByPhase { phase }).observe(seconds);
+            self.phases
+                .get_or_create(&ByPhase { phase })
+                .observe(seconds);
         }
         if let Some(phase) = phase {
             let since = (phase.to_owned(), event.time);
@@ -168,7 +221,9 @@ impl Gauges {
             scheme: name(&job.settings.network.scheme),
             engine: name(&job.settings.training.engine),
         };
-        self.evaluations.get_or_create(&trained).inc_by(job.evaluations);
+        self.evaluations
+            .get_or_create(&trained)
+            .inc_by(job.evaluations);
         if let Some(triangles) = event.data.get("triangles").and_then(Value::as_f64) {
             self.triangles.observe(triangles);
         }
@@ -184,7 +239,9 @@ impl Gauges {
             let label = ByStatus {
                 status: status.name().to_owned(),
             };
-            self.jobs.get_or_create(&label).set(counts.get(status) as i64);
+            self.jobs
+                .get_or_create(&label)
+                .set(counts.get(status) as i64);
         }
         let oldest = app.store.oldest_queued().await?;
         let age = oldest.map_or(0, |since| (app.store.now() - since).max(0));
@@ -196,9 +253,13 @@ impl Gauges {
             ("starting", workers.starting),
         ] {
             let state = state.to_owned();
-            self.workers.get_or_create(&ByState { state }).set(count.into());
+            self.workers
+                .get_or_create(&ByState { state })
+                .set(count.into());
         }
-        self.restarts.inner().store(workers.restarts, Ordering::Relaxed);
+        self.restarts
+            .inner()
+            .store(workers.restarts, Ordering::Relaxed);
         self.running_losses(&app.store).await?;
         self.storage(app);
         self.streams.set(app.feed.streams() as i64);
@@ -232,7 +293,9 @@ impl Gauges {
             ("cache", app.meshes.bytes()),
         ] {
             let kind = kind.to_owned();
-            self.storage.get_or_create(&ByKind { kind }).set(bytes as i64);
+            self.storage
+                .get_or_create(&ByKind { kind })
+                .set(bytes as i64);
         }
         if let Ok(space) = app.disk.space() {
             self.free.set(space.free_bytes as i64);

@@ -171,11 +171,10 @@ pub(super) async fn respond(
 pub(super) fn accepted(headers: &HeaderMap) -> Result<Format> {
     preferred(headers, &OFFERS).ok_or_else(|| {
         let types = ENDINGS.map(|(_, format)| format.media_type()).join(", ");
-        ApiError::new(
-            Code::NotAcceptable,
-            format!("meshes are given as {types}"),
+        ApiError::new(Code::NotAcceptable, format!("meshes are given as {types}")).with(
+            "acceptable",
+            json!(ENDINGS.map(|(_, format)| format.media_type())),
         )
-        .with("acceptable", json!(ENDINGS.map(|(_, format)| format.media_type())))
     })
 }
 

@@ -1,13 +1,16 @@
 //! The one bag of what handlers need.
 
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 
 use tokio::sync::{RwLock, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 
 use super::disk::Disk;
 use super::error::{ApiError, Code, Result};
+use super::feed::Feed;
+use super::gauges::Gauges;
+use super::mesh_cache::MeshCache;
 use super::telemetry::Telemetry;
 use crate::config::Config;
 use crate::jobs::Store;
@@ -37,6 +40,16 @@ pub struct App {
     pub(super) cloud_files: RwLock<()>,
     /// This program, of which a child reads large files.
     pub(super) program: PathBuf,
+    /// New events, for streams.
+    pub(super) feed: Feed,
+    /// Jobs, workers and storage, for Prometheus.
+    pub(super) gauges: Arc<Gauges>,
+    /// Meshes as files, for downloads.
+    pub(super) meshes: MeshCache,
+    /// Training series that may be written out at the same time.
+    pub(super) series: Semaphore,
+    /// Requests for values of a field that may be computed at the same time.
+    pub(super) evaluations: Semaphore,
 }
 
 /// Most bytes of uploads that are parsed at the same time, in KiB: a parsed cloud takes up to
@@ -65,9 +78,26 @@ impl App {
         shutdown: CancellationToken,
         program: PathBuf,
     ) -> AppState {
+        let telemetry = Telemetry::default();
+        let gauges = {
+            let registry = telemetry.registry.lock();
+            let mut registry = registry.unwrap_or_else(PoisonError::into_inner);
+            Arc::new(Gauges::new(&mut registry))
+        };
+        let feed = Feed::start(
+            store.clone(),
+            Arc::clone(&gauges),
+            config.max_streams,
+            shutdown.clone(),
+        );
         Arc::new(Self {
+            feed,
+            gauges,
+            meshes: MeshCache::new(config.data_dir.join("cache")),
+            series: Semaphore::new(4),
+            evaluations: Semaphore::new(1),
             disk: Disk::new(&config),
-            telemetry: Telemetry::default(),
+            telemetry,
             started_at: store.now(),
             cloud_files: RwLock::new(()),
             program,

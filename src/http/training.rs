@@ -99,7 +99,11 @@ pub(super) async fn metrics(
     };
     let content_type = HeaderValue::from_static(format.media_type());
     let no_store = HeaderValue::from_static("no-store");
-    Ok(([(CONTENT_TYPE, content_type), (CACHE_CONTROL, no_store)], body).into_response())
+    Ok((
+        [(CONTENT_TYPE, content_type), (CACHE_CONTROL, no_store)],
+        body,
+    )
+        .into_response())
 }
 
 async fn read(app: &AppState, id: &JobId, mut after: u64) -> Result<Vec<Metrics>> {
@@ -209,7 +213,10 @@ fn thin(rows: Vec<Metrics>, points: usize) -> Vec<Metrics> {
             let values = stretch.iter().map(|row| field.number(row)).enumerate();
             let values: Vec<(usize, f64)> = values.filter_map(|(i, v)| Some((i, v?))).collect();
             let by_value = |a: &&(usize, f64), b: &&(usize, f64)| a.1.total_cmp(&b.1);
-            let extremes = [values.iter().min_by(by_value), values.iter().max_by(by_value)];
+            let extremes = [
+                values.iter().min_by(by_value),
+                values.iter().max_by(by_value),
+            ];
             for (i, _) in extremes.into_iter().flatten() {
                 keep[s * length + i] = true;
             }
@@ -237,7 +244,11 @@ fn csv(fields: &[Field], rows: &[Metrics]) -> String {
             .iter()
             .flat_map(|field| match field {
                 Field::WeightNorms => (0..layers)
-                    .map(|k| row.weight_norms.get(k).map_or(String::new(), f64::to_string))
+                    .map(|k| {
+                        row.weight_norms
+                            .get(k)
+                            .map_or(String::new(), f64::to_string)
+                    })
                     .collect(),
                 field => match field.value(row) {
                     Value::Null => vec![String::new()],

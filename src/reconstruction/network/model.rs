@@ -66,7 +66,10 @@ impl Model {
             })
             .collect::<Result<Vec<_>, SafeTensorError>>()?;
         let metadata = HashMap::from([
-            ("settings".to_owned(), serde_json::to_string(&self.settings)?),
+            (
+                "settings".to_owned(),
+                serde_json::to_string(&self.settings)?,
+            ),
             ("frame".to_owned(), serde_json::to_string(&self.frame)?),
         ]);
         Ok(serialize(views, Some(metadata))?)
@@ -91,10 +94,21 @@ impl Model {
             }
             match tensor.dtype() {
                 Dtype::F32 => parameters.extend(
-                    tensor.data().as_chunks().0.iter().map(|v| f64::from(f32::from_le_bytes(*v))),
+                    tensor
+                        .data()
+                        .as_chunks()
+                        .0
+                        .iter()
+                        .map(|v| f64::from(f32::from_le_bytes(*v))),
                 ),
-                Dtype::F64 => parameters
-                    .extend(tensor.data().as_chunks().0.iter().map(|v| f64::from_le_bytes(*v))),
+                Dtype::F64 => parameters.extend(
+                    tensor
+                        .data()
+                        .as_chunks()
+                        .0
+                        .iter()
+                        .map(|v| f64::from_le_bytes(*v)),
+                ),
                 _ => return Err(ModelError::Shape { name }),
             }
         }
