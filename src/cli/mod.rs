@@ -3,6 +3,7 @@
 mod error;
 mod evaluate;
 mod files;
+mod inspect;
 mod presets;
 mod progress;
 mod reconstruct;
@@ -35,6 +36,9 @@ enum Command {
     Verify(verify::Arguments),
     /// Print the presets with all their settings.
     Presets(presets::Arguments),
+    /// Read one file for the service.
+    #[command(hide = true)]
+    Inspect(inspect::Arguments),
 }
 
 /// Runs the program: what it returns is the exit code.
@@ -47,6 +51,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Presets(arguments) => presets::run(&arguments),
+        Command::Inspect(arguments) => inspect::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
