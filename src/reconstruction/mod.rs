@@ -17,7 +17,6 @@
 
 pub mod cloud;
 pub mod mesh;
-pub mod model;
 pub mod network;
 pub mod quality;
 pub mod random;

@@ -3,8 +3,7 @@
 use super::cloud::PointCloud;
 use super::error::Error;
 use super::mesh::TriangleMesh;
-use super::model;
-use super::network::{Architecture, Engine, Libtorch, Scalar, initial_parameters};
+use super::network::{Architecture, Engine, Libtorch, Model, Scalar, initial_parameters};
 use super::observer::{Event, Observer, Phase};
 use super::report::{Report, Stopwatch, Subject, SurfaceReport, TrainingReport};
 use super::sampling::{Prepared, prepare};
@@ -20,8 +19,8 @@ pub struct Reconstruction {
     pub mesh: TriangleMesh,
     /// Its quality, and the record that makes the run again.
     pub report: Report,
-    /// The trained network as a file, see [`model::encode`].
-    pub model: Vec<u8>,
+    /// The trained network.
+    pub model: Model,
 }
 
 /// Sets the number of threads of every later run in this process.
@@ -108,12 +107,11 @@ fn run<T: Scalar>(
     let mut report = Report::new(&subject, TrainingReport::new(&trained), surface)?;
     stopwatch.lap(Phase::Report);
     report.seconds = stopwatch.seconds();
-    let network = model::Network {
-        architecture: engine.architecture(),
-        parameters: &trained.parameters,
-        frame: &prepared.frame,
+    let model = Model {
+        settings: settings.clone(),
+        frame: prepared.frame,
+        parameters: trained.parameters.iter().map(|p| p.to_f64()).collect(),
     };
-    let model = model::encode(&network, settings);
     Ok(Reconstruction {
         mesh,
         report,

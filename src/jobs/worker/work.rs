@@ -107,7 +107,7 @@ pub fn reconstruction(
     Ok(Product {
         mesh: result.mesh,
         report: serde_json::to_value(&result.report).map_err(Failure::internal)?,
-        model: result.model,
+        model: result.model.encode().map_err(Failure::internal)?,
     })
 }
 

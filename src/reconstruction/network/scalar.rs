@@ -3,7 +3,6 @@
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Mul, Sub};
 
-use safetensors::Dtype;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -23,22 +22,14 @@ pub trait Scalar:
     + Sync
     + 'static
 {
-    /// Its name in files of tensors.
-    const DTYPE: Dtype;
-
     /// Nearest value of this type.
     fn from_f64(value: f64) -> Self;
 
     /// The same value, exactly.
     fn to_f64(self) -> f64;
-
-    /// Appends its little-endian bytes.
-    fn write(self, bytes: &mut Vec<u8>);
 }
 
 impl Scalar for f32 {
-    const DTYPE: Dtype = Dtype::F32;
-
     fn from_f64(value: f64) -> Self {
         value as Self
     }
@@ -46,24 +37,14 @@ impl Scalar for f32 {
     fn to_f64(self) -> f64 {
         f64::from(self)
     }
-
-    fn write(self, bytes: &mut Vec<u8>) {
-        bytes.extend(self.to_le_bytes());
-    }
 }
 
 impl Scalar for f64 {
-    const DTYPE: Dtype = Dtype::F64;
-
     fn from_f64(value: f64) -> Self {
         value
     }
 
     fn to_f64(self) -> f64 {
         self
-    }
-
-    fn write(self, bytes: &mut Vec<u8>) {
-        bytes.extend(self.to_le_bytes());
     }
 }
