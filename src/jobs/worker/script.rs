@@ -164,7 +164,7 @@ mod tests {
     fn the_sphere_is_one() {
         let mesh = sphere(16, 32);
         let topology = Topology::of(&mesh);
-        assert!(topology.closed(), "{topology:?}");
+        assert!(topology.closed, "{topology:?}");
         assert_eq!(mesh.vertices.len() + mesh.triangles.len() - 3 * mesh.triangles.len() / 2, 2);
         // The polyhedron lies inside the unit sphere; 16 bands lose some 2 % of 4/3 π.
         assert!((4.0..4.19).contains(&mesh.volume()), "{}", mesh.volume());
