@@ -86,6 +86,7 @@ catalogue! {
     Internal "internal" 500 true "The service failed.";
     QueueFull "queue_full" 503 true "As many jobs as allowed wait already.";
     Draining "draining" 503 true "The service is about to stop.";
+    NotReady "not_ready" 503 true "The service is not ready.";
     DatabaseBusy "database_busy" 503 true "The database is busy.";
     InsufficientStorage "insufficient_storage" 507 true "The disk is nearly full.";
     TrainingDiverged "training_diverged" 422 false "Training diverged.";

@@ -4,25 +4,36 @@
 //! has a file. Handlers know neither SQL nor tensors: they read rows through [`crate::jobs`] and
 //! write JSON. Everything that can go wrong leaves as a problem of `error`.
 
+mod accept;
 mod cloud_files;
 mod clouds;
 mod disk;
+mod docs;
 mod download;
 pub mod error;
 mod estimate;
+mod events;
 mod extract;
+mod feed;
+mod field;
+mod gauges;
 mod idempotency;
 pub mod inspect;
 mod job_json;
 mod job_request;
 mod jobs;
+mod mesh_cache;
+mod meshes;
 mod observe;
 mod page;
+mod results;
 mod server;
 mod spool;
 mod state;
+mod system;
 mod telemetry;
 mod time;
+mod training;
 mod upload;
 mod wait;
 
@@ -38,7 +49,8 @@ use error::{ApiError, Code};
 
 pub use disk::{Disk, Space};
 pub use server::serve;
-pub use state::{App, AppState, Workers};
+pub use state::{App, AppState};
+pub use system::OPENAPI;
 pub use telemetry::Telemetry;
 
 /// Bytes that a form may have beyond its file: names, boundaries, the `job` part.
@@ -70,7 +82,28 @@ fn intake() -> Vec<Operation> {
 
 /// Events, series, meshes and the system: what comes out.
 fn results() -> Vec<Operation> {
-    vec![]
+    vec![
+        get("/v1/events", events::of_all),
+        get("/v1/jobs/{id}/events", events::of_job),
+        get("/v1/jobs/{id}/metrics", training::metrics),
+        get("/v1/jobs/{id}/gradients", training::gradients),
+        get("/v1/jobs/{id}/mesh", meshes::negotiated),
+        get("/v1/jobs/{id}/mesh.{format}", meshes::result),
+        get("/v1/jobs/{id}/snapshots", meshes::snapshots),
+        get("/v1/jobs/{id}/snapshots/{file}", meshes::snapshot),
+        get("/v1/jobs/{id}/report", meshes::report),
+        get("/v1/jobs/{id}/model", meshes::model),
+        post("/v1/jobs/{id}/field", field::evaluate),
+        get("/v1/presets", system::presets),
+        get("/v1/limits", system::limits),
+        get("/v1/version", system::version),
+        get("/livez", system::livez),
+        get("/readyz", system::readyz),
+        get("/metrics", system::metrics),
+        get("/openapi.yaml", system::openapi),
+        get("/docs", system::reference),
+        get("/", system::start),
+    ]
 }
 
 /// Methods and paths of all operations, in the order of the table.

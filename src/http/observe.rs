@@ -12,7 +12,7 @@ use futures_util::FutureExt;
 use tracing::Instrument;
 
 use super::AppState;
-use super::error::ApiError;
+use super::error::{ApiError, Code};
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
@@ -73,6 +73,9 @@ pub(super) async fn observe(
         )))
     });
     if let Some(error) = response.extensions_mut().remove::<ApiError>() {
+        if error.code() == Code::DatabaseBusy {
+            app.gauges.database_busy();
+        }
         response = complete(response, error, &id, method);
     }
     if let Ok(value) = HeaderValue::from_str(&id.0) {

@@ -1,16 +1,19 @@
 //! The one bag of what handlers need.
 
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 
 use tokio::sync::{RwLock, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 
 use super::disk::Disk;
 use super::error::{ApiError, Code, Result};
+use super::feed::Feed;
+use super::gauges::Gauges;
+use super::mesh_cache::MeshCache;
 use super::telemetry::Telemetry;
 use crate::config::Config;
-use crate::jobs::Store;
+use crate::jobs::{Store, Workers};
 
 /// Shared by all requests.
 pub type AppState = Arc<App>;
@@ -37,24 +40,21 @@ pub struct App {
     pub(super) cloud_files: RwLock<()>,
     /// This program, of which a child reads large files.
     pub(super) program: PathBuf,
+    /// New events, for streams.
+    pub(super) feed: Feed,
+    /// Jobs, workers and storage, for Prometheus.
+    pub(super) gauges: Arc<Gauges>,
+    /// Meshes as files, for downloads.
+    pub(super) meshes: MeshCache,
+    /// Training series that may be written out at the same time.
+    pub(super) series: Semaphore,
+    /// Requests for values of a field that may be computed at the same time.
+    pub(super) evaluations: Semaphore,
 }
 
 /// Most bytes of uploads that are parsed at the same time, in KiB: a parsed cloud takes up to
 /// about 20 times its file.
 pub(super) const PARSED_KIB: u32 = 64 * 1024;
-
-/// Worker processes, as the supervisor last saw them.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Workers {
-    /// Those that run and hold a job.
-    pub busy: u32,
-    /// Those that run and wait for one.
-    pub idle: u32,
-    /// Those that are about to be started again.
-    pub starting: u32,
-    /// Starts after a death since the service started.
-    pub restarts: u64,
-}
 
 impl App {
     /// The state of a service over an open store; `program` is the `meshway` to start children of.
@@ -65,9 +65,26 @@ impl App {
         shutdown: CancellationToken,
         program: PathBuf,
     ) -> AppState {
+        let telemetry = Telemetry::default();
+        let gauges = {
+            let registry = telemetry.registry.lock();
+            let mut registry = registry.unwrap_or_else(PoisonError::into_inner);
+            Arc::new(Gauges::new(&mut registry))
+        };
+        let feed = Feed::start(
+            store.clone(),
+            Arc::clone(&gauges),
+            config.max_streams,
+            shutdown.clone(),
+        );
         Arc::new(Self {
+            feed,
+            gauges,
+            meshes: MeshCache::new(config.data_dir.join("cache")),
+            series: Semaphore::new(4),
+            evaluations: Semaphore::new(1),
             disk: Disk::new(&config),
-            telemetry: Telemetry::default(),
+            telemetry,
             started_at: store.now(),
             cloud_files: RwLock::new(()),
             program,
