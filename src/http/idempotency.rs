@@ -14,7 +14,8 @@ use super::error::{ApiError, Code, Result};
 use super::extract::header;
 use crate::jobs::{self, Idempotency, IdempotencyState, Job, StoredResponse};
 
-const KEY: HeaderName = HeaderName::from_static("idempotency-key");
+/// The header that carries the key.
+pub(super) const KEY: HeaderName = HeaderName::from_static("idempotency-key");
 const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 
 /// Longest key.

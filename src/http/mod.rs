@@ -11,6 +11,7 @@ mod disk;
 mod docs;
 mod download;
 pub mod error;
+mod estimate;
 mod events;
 mod extract;
 mod feed;
@@ -18,6 +19,8 @@ mod field;
 mod gauges;
 mod idempotency;
 pub mod inspect;
+mod job_json;
+mod job_request;
 mod jobs;
 mod mesh_cache;
 mod meshes;
@@ -32,6 +35,7 @@ mod telemetry;
 mod time;
 mod training;
 mod upload;
+mod wait;
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -110,6 +114,11 @@ pub fn operations() -> Vec<(String, &'static str)> {
 
 /// The API over a state, ready to be served or called by a test.
 pub fn router(state: AppState) -> Router {
+    handlers(state.clone()).layer(middleware::from_fn_with_state(state, observe::observe))
+}
+
+/// The same without what is around every request.
+fn handlers(state: AppState) -> Router {
     let routes = intake().into_iter().chain(results());
     // Bodies are held to their limits where they are read; this one is for forms, which axum reads.
     let form_limit = state.config.body_limit_bytes() as usize + FORM_OVERHEAD;
@@ -120,10 +129,6 @@ pub fn router(state: AppState) -> Router {
         .fallback(nothing_here)
         .method_not_allowed_fallback(wrong_method)
         .layer(DefaultBodyLimit::max(form_limit))
-        .layer(middleware::from_fn_with_state(
-            state.clone(),
-            observe::observe,
-        ))
         .with_state(state)
 }
 

@@ -1,5 +1,7 @@
 //! One attempt at a job: the claim that a worker holds, what it may write, how it can end.
 
+use std::fmt::Write as _;
+
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -52,9 +54,9 @@ pub struct Record {
     pub loss: Option<f64>,
     /// Events, oldest first.
     pub events: Vec<NewEvent>,
-    /// Accepted iterations. A row with the evaluation of an earlier one takes its place.
+    /// Accepted iterations; one whose evaluation is there already is left out.
     pub metrics: Vec<Metrics>,
-    /// Gradient histograms. One with the evaluation of an earlier one takes its place.
+    /// Gradient histograms; one whose evaluation is there already is left out.
     pub gradients: Vec<GradientHistogram>,
 }
 
@@ -102,10 +104,11 @@ impl NewMesh {
 
 /// SHA-256 in lower-case hexadecimal digits.
 pub(super) fn sha256_hex(data: &[u8]) -> String {
-    Sha256::digest(data)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    let mut digits = String::with_capacity(64);
+    for byte in Sha256::digest(data) {
+        write!(digits, "{byte:02x}").expect("a String takes everything");
+    }
+    digits
 }
 
 /// Everything that makes a job a success; written in one transaction, or not at all.

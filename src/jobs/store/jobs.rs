@@ -10,7 +10,7 @@ use super::outcome::{Fence, Outcome};
 use super::row::{Columns, to_json};
 use super::writer::Transaction;
 use crate::jobs::{
-    Counts, Error, Job, JobFilter, JobId, Lookup, NewJob, Result, Status, Tombstone,
+    CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewJob, Result, Status, Tombstone,
 };
 
 impl Store {
@@ -79,7 +79,7 @@ impl Store {
         )
         .bind(before.map(JobId::as_str))
         .bind(filter.status.map(Status::name))
-        .bind(filter.cloud_id.as_ref().map(|id| id.as_str()))
+        .bind(filter.cloud_id.as_ref().map(CloudId::as_str))
         .bind(filter.created_after)
         .bind(label)
         .bind(value)
@@ -238,8 +238,8 @@ impl Transaction<'_> {
         .bind(self.now)
         .execute(&mut *self.db)
         .await?;
-        let position = self.queue_position(&id).await?;
-        self.append_event(&id, "job.queued", &json!({ "position": position }))
+        // Behind all that wait, which were counted just now.
+        self.append_event(&id, "job.queued", &json!({ "position": waiting + 1 }))
             .await?;
         self.load_job(&id).await
     }

@@ -77,13 +77,8 @@ impl Model {
                 Ok((name.as_str(), TensorView::new(dtype, shape.clone(), bytes)?))
             })
             .collect::<Result<Vec<_>, SafeTensorError>>()?;
-        let metadata = HashMap::from([
-            (
-                "settings".to_owned(),
-                serde_json::to_string(&self.settings)?,
-            ),
-            ("frame".to_owned(), serde_json::to_string(&self.frame)?),
-        ]);
+        let record = json!({"settings": self.settings, "frame": self.frame});
+        let metadata = HashMap::from([(KEY.to_owned(), record.to_string())]);
         Ok(serialize(views, Some(metadata))?)
     }
 

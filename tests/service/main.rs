@@ -1,0 +1,9 @@
+//! Tests of the service. One binary, because linking libtorch is slow.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod store_catalogue;
+mod store_content;
+mod store_life;
+mod store_machine;
+mod store_support;
+mod store_writer;
