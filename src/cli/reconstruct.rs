@@ -19,7 +19,7 @@ use crate::reconstruction::{
 
 /// Arguments of `meshway reconstruct`.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// Point cloud: PLY, XYZ, CSV, OBJ, OFF, STL, PCD or NPY, also gzipped.
     cloud: PathBuf,
     /// Points inside the surface, in addition to the labels of the cloud.

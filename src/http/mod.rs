@@ -49,7 +49,7 @@ use error::{ApiError, Code};
 
 pub use disk::{Disk, Space};
 pub use server::serve;
-pub use state::{App, AppState, Workers};
+pub use state::{App, AppState};
 pub use system::OPENAPI;
 pub use telemetry::Telemetry;
 

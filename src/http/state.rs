@@ -13,7 +13,7 @@ use super::gauges::Gauges;
 use super::mesh_cache::MeshCache;
 use super::telemetry::Telemetry;
 use crate::config::Config;
-use crate::jobs::Store;
+use crate::jobs::{Store, Workers};
 
 /// Shared by all requests.
 pub type AppState = Arc<App>;
@@ -55,19 +55,6 @@ pub struct App {
 /// Most bytes of uploads that are parsed at the same time, in KiB: a parsed cloud takes up to
 /// about 20 times its file.
 pub(super) const PARSED_KIB: u32 = 64 * 1024;
-
-/// Worker processes, as the supervisor last saw them.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Workers {
-    /// Those that run and hold a job.
-    pub busy: u32,
-    /// Those that run and wait for one.
-    pub idle: u32,
-    /// Those that are about to be started again.
-    pub starting: u32,
-    /// Starts after a death since the service started.
-    pub restarts: u64,
-}
 
 impl App {
     /// The state of a service over an open store; `program` is the `meshway` to start children of.

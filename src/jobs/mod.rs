@@ -31,6 +31,8 @@ mod error;
 mod id;
 mod job;
 pub mod store;
+pub mod supervisor;
+pub mod worker;
 
 pub use attempt::{
     Claim, FailureReason, Fault, Lease, NewEvent, NewMesh, Problem, Record, Success,
@@ -42,6 +44,9 @@ pub use job::{Counts, Job, JobFilter, Lookup, NewJob, Status, Tombstone};
 pub use store::{
     Checkpoint, Event, Idempotency, IdempotencyState, MeshInfo, Options, Store, StoredResponse,
 };
+
+pub use supervisor::{Supervisor, Workers};
+pub use worker::Worker;
 
 /// Result of the room.
 pub type Result<T> = std::result::Result<T, Error>;

@@ -98,8 +98,8 @@ impl PointCloud {
 
     /// Adds the points of `other` behind the own ones.
     ///
-    /// Normals are kept only if both clouds have them. Where one cloud has labels, the points of
-    /// the other are surface points.
+    /// Where only one cloud has normals, the points of the other get zeros, which stand for none;
+    /// where only one has labels, the points of the other are surface points.
     pub fn append(&mut self, other: Self) {
         if self.points.is_empty() {
             *self = other;
@@ -108,20 +108,17 @@ impl PointCloud {
         if other.points.is_empty() {
             return;
         }
-        self.normals = self
-            .normals
-            .take()
-            .zip(other.normals)
-            .map(|(mut all, more)| {
-                all.extend(more);
-                all
-            });
+        if self.normals.is_some() || other.normals.is_some() {
+            let none = |count| vec![[0.0; 3]; count];
+            let all = self.normals.get_or_insert_with(|| none(self.points.len()));
+            all.extend(other.normals.unwrap_or_else(|| none(other.points.len())));
+        }
         if self.labels.is_some() || other.labels.is_some() {
             let surface = |count| vec![Label::Surface; count];
-            let mut labels = self.labels.take();
-            let all = labels.get_or_insert_with(|| surface(self.points.len()));
+            let all = self
+                .labels
+                .get_or_insert_with(|| surface(self.points.len()));
             all.extend(other.labels.unwrap_or_else(|| surface(other.points.len())));
-            self.labels = labels;
         }
         self.points.extend(other.points);
     }

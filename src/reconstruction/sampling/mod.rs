@@ -1,6 +1,6 @@
 //! From points to training samples: frame, normals, winding number, off-surface samples, hold-out.
 //!
-//! [`prepare`] is the whole room. It works in the unit frame; what it knows about the surface (which
+//! [`prepare()`] is the whole room. It works in the unit frame; what it knows about the surface (which
 //! way is out, which side a place is on) comes from all its points, what is trained on from an even
 //! subset within the budget.
 
@@ -33,7 +33,7 @@ pub struct Samples {
     pub points: Vec<Vec3>,
     /// Targets, `[n]`.
     pub targets: Vec<f64>,
-    /// Weights, `[n]`; 1 in [N24].
+    /// Weights, `[n]`; 1 in \[N24\].
     pub weights: Vec<f64>,
 }
 

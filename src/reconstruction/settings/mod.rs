@@ -27,7 +27,7 @@ pub struct Settings {
     pub surface: Surface,
 }
 
-/// Residual scheme of the hidden layers; z = W a + b, `∘` element-wise ([N24] section 2).
+/// Residual scheme of the hidden layers; z = W a + b, `∘` element-wise (\[N24\] section 2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Scheme {
@@ -143,7 +143,7 @@ pub enum Frame {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Targets {
-    /// 1 inside, 0 on the surface, -1 outside ([N24]).
+    /// 1 inside, 0 on the surface, -1 outside (\[N24\]).
     Binary,
     /// Signed distance (positive inside) over `band`, clamped to [-1, 1].
     Graded,
@@ -155,7 +155,7 @@ pub enum Targets {
 pub enum OffSurface {
     /// From the labels of the cloud and, besides, generated along the normals and in the box.
     Generated,
-    /// From the labels of the cloud only ([N24]).
+    /// From the labels of the cloud only (\[N24\]).
     Labels,
 }
 

@@ -19,7 +19,7 @@ pub enum Preset {
     Balanced,
     /// More points, more training, a finer grid.
     Fine,
-    /// The runs of [N24]: coordinates as given, binary targets on labelled points, dense 70³ grid.
+    /// The runs of \[N24\]: coordinates as given, binary targets on labelled points, dense 70³ grid.
     Paper,
 }
 
@@ -130,7 +130,7 @@ fn balanced() -> Settings {
     }
 }
 
-/// [N24] and the script of its authors: lr 0.1, history 100, both tolerances 1e-11, 70³ grid.
+/// \[N24\] and the script of its authors: lr 0.1, history 100, both tolerances 1e-11, 70³ grid.
 fn paper(base: Settings) -> Settings {
     Settings {
         network: base.network,
