@@ -1,6 +1,11 @@
 //! Tests of the service. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod http_contract;
+mod http_events;
+mod http_meshes;
+mod http_support;
+mod http_system;
 mod store_catalogue;
 mod store_content;
 mod store_life;
