@@ -150,6 +150,10 @@ impl From<Map<String, Value>> for Members {
 }
 
 /// For [`Query::take`]: anything with a text form.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the shape that take asks for"
+)]
 pub(super) fn text<T: FromStr>(value: String) -> std::result::Result<T, String>
 where
     T::Err: std::fmt::Display,
@@ -163,6 +167,10 @@ pub(super) fn json<T: DeserializeOwned>(value: Value) -> std::result::Result<T, 
 }
 
 /// For [`Query::take`]: a switch.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the shape that take asks for"
+)]
 pub(super) fn switch(value: String) -> std::result::Result<bool, String> {
     match value.as_str() {
         "true" | "1" | "" => Ok(true),

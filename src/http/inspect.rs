@@ -26,7 +26,7 @@ const IN_PROCESS_BYTES: u64 = 32 << 20;
 const IN_PROCESS_GZIP_BYTES: u64 = 1 << 20;
 
 /// Longest time that a child may read: some 20 times what 512 MiB of text take.
-const CHILD_TIMEOUT: Duration = Duration::from_secs(300);
+const CHILD_TIMEOUT: Duration = Duration::from_mins(5);
 
 /// What the reading of a file found; kept with the cloud.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -47,7 +47,11 @@ impl JobRequest {
         if preset.is_some() && members.has("preset") {
             members.fault("preset", "is given in the address too".to_owned());
         }
-        let preset = members.take("preset", preset_of).or(preset);
+        let preset = members
+            .take("preset", |name| {
+                preset_named(name.as_str().unwrap_or_default())
+            })
+            .or(preset);
         let given = members.take("settings", object);
         let labels = members.take("labels", labels);
         members.finish()?;
@@ -67,7 +71,9 @@ impl JobRequest {
     /// # Errors
     /// As [`JobRequest::new`].
     pub(super) fn again(job: &Job, mut members: Members) -> Result<Self> {
-        let preset = members.take("preset", preset_of);
+        let preset = members.take("preset", |name| {
+            preset_named(name.as_str().unwrap_or_default())
+        });
         let given = members.take("settings", object).unwrap_or_default();
         let labels = members.take("labels", labels);
         members.finish()?;
@@ -149,10 +155,6 @@ pub(super) fn preset_named(name: &str) -> std::result::Result<Preset, String> {
         let names = Preset::ALL.map(Preset::name).join(", ");
         format!("must be one of {names}")
     })
-}
-
-fn preset_of(value: Value) -> std::result::Result<Preset, String> {
-    preset_named(value.as_str().unwrap_or_default())
 }
 
 fn object(value: Value) -> std::result::Result<Map<String, Value>, String> {

@@ -79,13 +79,15 @@ impl Next {
     pub(super) fn link(&self, uri: &Uri) -> Option<String> {
         let cursor = self.0.as_deref()?;
         let kept = uri.query().unwrap_or_default().split('&');
-        let kept: String = kept
+        let mut pairs: Vec<&str> = kept
             .filter(|pair| !pair.is_empty() && !pair.starts_with("cursor="))
-            .map(|pair| format!("{pair}&"))
             .collect();
+        let cursor = format!("cursor={cursor}");
+        pairs.push(&cursor);
         Some(format!(
-            "<{}?{kept}cursor={cursor}>; rel=\"next\"",
-            uri.path()
+            "<{}?{}>; rel=\"next\"",
+            uri.path(),
+            pairs.join("&")
         ))
     }
 }

@@ -110,13 +110,19 @@ async fn form(app: &AppState, request: Request) -> Result<Payload> {
         .await
         .map_err(|error| ApiError::new(Code::MalformedMultipart, error.body_text()))?;
     let (mut upload, mut job) = (None, None);
-    while let Some(mut part) = in_time(app, form.next_field()).await?.map_err(broken)? {
+    while let Some(mut part) = in_time(app, form.next_field())
+        .await?
+        .map_err(|error| broken(&error))?
+    {
         let name = part.name().unwrap_or_default().to_owned();
         match name.as_str() {
             "file" if upload.is_none() => upload = Some(file_part(app, part).await?),
             "job" if job.is_none() => {
                 let mut body = BytesMut::new();
-                while let Some(chunk) = in_time(app, part.chunk()).await?.map_err(broken)? {
+                while let Some(chunk) = in_time(app, part.chunk())
+                    .await?
+                    .map_err(|error| broken(&error))?
+                {
                     gather(&mut body, &chunk)?;
                 }
                 job = Some(body.freeze());
@@ -138,14 +144,17 @@ async fn file_part(app: &AppState, mut part: Field<'_>) -> Result<Upload> {
         .and_then(format_of_media_type)
         .or_else(|| Format::from_extension(part.file_name()?));
     let mut receiver = Receiver::new(app, Encoding::Identity, 0)?;
-    while let Some(chunk) = in_time(app, part.chunk()).await?.map_err(broken)? {
+    while let Some(chunk) = in_time(app, part.chunk())
+        .await?
+        .map_err(|error| broken(&error))?
+    {
         receiver.push(&chunk).await?;
     }
     let spooled = receiver.finish().await?;
     Ok(Upload { spooled, hint })
 }
 
-fn broken(error: MultipartError) -> ApiError {
+fn broken(error: &MultipartError) -> ApiError {
     if error.status() == StatusCode::PAYLOAD_TOO_LARGE {
         ApiError::new(Code::BodyTooLarge, "the form is larger than allowed")
     } else {

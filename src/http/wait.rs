@@ -54,9 +54,10 @@ impl Wish {
     /// asked for and there is none.
     pub(super) async fn answer(self, app: &AppState, job: Job) -> Result<Response> {
         let Some(wait) = self.wait else {
-            let position = match self.place {
-                true => app.store.queue_position(&job.id).await?,
-                false => None,
+            let position = if self.place {
+                app.store.queue_position(&job.id).await?
+            } else {
+                None
             };
             return Ok(answer(StatusCode::ACCEPTED, &job, position));
         };
