@@ -3,7 +3,10 @@
 
 mod http_clouds;
 mod http_contract;
+mod http_door;
 mod http_events;
+mod http_idempotency;
+mod http_jobs;
 mod http_meshes;
 mod http_support;
 mod http_system;
