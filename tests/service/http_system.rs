@@ -2,8 +2,7 @@
 
 use std::time::Duration;
 
-use meshway::http::Workers;
-use meshway::jobs::{NewEvent, Record};
+use meshway::jobs::{NewEvent, Record, Workers};
 use serde_json::json;
 
 use crate::http_contract::expect_contract;

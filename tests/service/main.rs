@@ -1,6 +1,7 @@
 //! Tests of the service. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod faults;
 mod http_clouds;
 mod http_contract;
 mod http_door;
@@ -10,9 +11,11 @@ mod http_jobs;
 mod http_meshes;
 mod http_support;
 mod http_system;
+mod server;
 mod store_catalogue;
 mod store_content;
 mod store_life;
 mod store_machine;
 mod store_support;
 mod store_writer;
+mod work;
