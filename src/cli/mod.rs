@@ -4,6 +4,7 @@ mod data_folder;
 mod error;
 mod evaluate;
 mod files;
+mod health;
 mod inspect;
 mod logging;
 mod presets;
@@ -49,6 +50,9 @@ enum Command {
     /// Read one file for the service.
     #[command(hide = true)]
     Inspect(inspect::Arguments),
+    /// Ask the service on this machine whether it lives.
+    #[command(hide = true)]
+    Health(health::Arguments),
 }
 
 /// The program: reads the command line and does what it says.
@@ -78,6 +82,7 @@ fn run(cli: Cli) -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Presets(arguments) => presets::run(&arguments),
+        Command::Health(arguments) => health::run(&arguments),
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Worker(arguments) => worker::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),

@@ -109,7 +109,9 @@ async fn serve(
         metrics_limit: config.max_metrics.into(),
         ..store::Options::default()
     };
-    let store = Store::open(&config.data_dir, options).await.map_err(failed)?;
+    let store = Store::open(&config.data_dir, options)
+        .await
+        .map_err(failed)?;
     folder.sweep(&store).await?;
     store.idempotency_abandon_all().await.map_err(failed)?;
 
@@ -128,7 +130,13 @@ async fn serve(
     };
     let supervisor = Supervisor::new(store.clone(), options, shutdown.clone());
     let workers = supervisor.workers();
-    let app = App::new(store.clone(), config.clone(), workers, shutdown.clone(), program);
+    let app = App::new(
+        store.clone(),
+        config.clone(),
+        workers,
+        shutdown.clone(),
+        program,
+    );
     end_on_signals(&shutdown)?;
     tracing::info!("listening on http://{address}");
 
@@ -162,7 +170,10 @@ fn worker_arguments(arguments: &Arguments, cores: usize) -> Vec<OsString> {
         "--data-dir".into(),
         config.data_dir.clone().into_os_string(),
         number("threads", config.worker_threads(cores) as u64),
-        number("job-time-limit-seconds", config.job_time_limit_seconds.into()),
+        number(
+            "job-time-limit-seconds",
+            config.job_time_limit_seconds.into(),
+        ),
         number("checkpoint-seconds", config.checkpoint_seconds.into()),
         number("max-events", config.max_events.into()),
         number("max-metrics", config.max_metrics.into()),
@@ -170,7 +181,12 @@ fn worker_arguments(arguments: &Arguments, cores: usize) -> Vec<OsString> {
         format!("--log-format={format}").into(),
         format!("--log={}", config.log).into(),
     ];
-    line.extend(arguments.script.iter().map(|script| format!("--script={script}").into()));
+    line.extend(
+        arguments
+            .script
+            .iter()
+            .map(|script| format!("--script={script}").into()),
+    );
     line
 }
 
@@ -187,8 +203,8 @@ async fn prune(store: &Store) {
 
 fn end_on_signals(shutdown: &CancellationToken) -> Result<(), Failure> {
     for kind in [SignalKind::terminate(), SignalKind::interrupt()] {
-        let mut signals = signal(kind)
-            .map_err(|error| Failure::Output(format!("no signals: {error}")))?;
+        let mut signals =
+            signal(kind).map_err(|error| Failure::Output(format!("no signals: {error}")))?;
         let shutdown = shutdown.clone();
         tokio::spawn(async move {
             signals.recv().await;

@@ -19,7 +19,8 @@ use super::AppState;
 use super::error::{ApiError, Result, problem_of};
 use super::extract::{Id, Query, text};
 use super::feed::Listener;
-use super::results::{found, state_of};
+use super::job_json::represent;
+use super::results::found;
 use super::time::rfc3339;
 use crate::jobs::{Event, Job, JobId, Problem, Status};
 
@@ -53,7 +54,7 @@ pub(super) async fn of_job(
     if job.status.is_final() && after == Some(newest) {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    let reset = json!({"oldest": 1, "newest": newest, "job": state_of(&job)});
+    let reset = json!({"oldest": 1, "newest": newest, "job": represent(&job, None)});
     open(app, Some(id), after.ok_or((newest, reset))).await
 }
 

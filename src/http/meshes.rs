@@ -137,11 +137,7 @@ pub(super) async fn model(
     download.respond(&headers).await
 }
 
-/// The mesh of a job that succeeded, as the client accepts it: for a request that waited for it.
-///
-/// # Errors
-/// As for GET /v1/jobs/{id}/mesh.
-pub(super) async fn respond(
+async fn respond(
     app: &AppState,
     job: &Job,
     evaluation: u64,
@@ -168,7 +164,7 @@ pub(super) async fn respond(
 ///
 /// # Errors
 /// [`Code::NotAcceptable`] with the list of formats.
-pub(super) fn accepted(headers: &HeaderMap) -> Result<Format> {
+fn accepted(headers: &HeaderMap) -> Result<Format> {
     preferred(headers, &OFFERS).ok_or_else(|| {
         let types = ENDINGS.map(|(_, format)| format.media_type()).join(", ");
         ApiError::new(Code::NotAcceptable, format!("meshes are given as {types}")).with(
@@ -176,13 +172,6 @@ pub(super) fn accepted(headers: &HeaderMap) -> Result<Format> {
             json!(ENDINGS.map(|(_, format)| format.media_type())),
         )
     })
-}
-
-/// The format that `Accept` asks for by the name of a mesh type; none where a job's JSON will do.
-pub(super) fn named(headers: &HeaderMap) -> Option<Format> {
-    let offers = OFFERS.map(|(name, format)| (name, Some(format)));
-    let json = [("application/json", None)];
-    preferred(headers, &[json.as_slice(), &offers[..6]].concat()).flatten()
 }
 
 fn by_ending(ending: &str) -> Option<Format> {

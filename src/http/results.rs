@@ -1,7 +1,5 @@
 //! What the resources below a job share: is it here, has it ended, what does it have.
 
-use serde_json::{Value, json};
-
 use super::error::{ApiError, Code, Result};
 use crate::jobs::{Job, Lookup, Status};
 
@@ -38,18 +36,4 @@ pub(super) fn succeeded(lookup: Lookup) -> Result<Job> {
             format!("the job is {}: it has no result", job.status),
         )),
     }
-}
-
-/// Where a job stands, for a stream that starts over.
-pub(super) fn state_of(job: &Job) -> Value {
-    json!({
-        "id": job.id,
-        "status": job.status,
-        "phase": job.phase,
-        "progress": job.progress,
-        "eta_seconds": job.eta_seconds,
-        "attempt": job.attempt,
-        "evaluations": job.evaluations,
-        "loss": job.loss,
-    })
 }

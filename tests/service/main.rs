@@ -1,8 +1,11 @@
 //! Tests of the service. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod faults;
 mod http_clouds;
+mod http_contract;
 mod http_door;
+mod http_events;
 mod http_idempotency;
 mod http_jobs;
 mod http_lists;
@@ -10,6 +13,9 @@ mod http_support;
 mod http_uploads;
 mod http_waits;
 mod faults;
+mod http_meshes;
+mod http_support;
+mod http_system;
 mod server;
 mod store_catalogue;
 mod store_content;

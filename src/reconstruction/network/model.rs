@@ -5,11 +5,23 @@ use std::collections::HashMap;
 
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensorError, SafeTensors, serialize};
+use serde::Deserialize;
+use serde_json::json;
 use thiserror::Error;
 
 use super::{Architecture, PlainNetwork};
 use crate::reconstruction::sampling::Frame;
 use crate::reconstruction::settings::{Precision, Settings};
+
+/// Name of the metadata: a JSON object with `settings`, `frame` and what else is of use.
+const KEY: &str = "meshway";
+
+/// What is read of the metadata.
+#[derive(Deserialize)]
+struct Record {
+    settings: Settings,
+    frame: Frame,
+}
 
 /// A trained network, and what is needed to use it.
 #[derive(Debug, Clone, PartialEq)]
@@ -65,13 +77,8 @@ impl Model {
                 Ok((name.as_str(), TensorView::new(dtype, shape.clone(), bytes)?))
             })
             .collect::<Result<Vec<_>, SafeTensorError>>()?;
-        let metadata = HashMap::from([
-            (
-                "settings".to_owned(),
-                serde_json::to_string(&self.settings)?,
-            ),
-            ("frame".to_owned(), serde_json::to_string(&self.frame)?),
-        ]);
+        let record = json!({"settings": self.settings, "frame": self.frame});
+        let metadata = HashMap::from([(KEY.to_owned(), record.to_string())]);
         Ok(serialize(views, Some(metadata))?)
     }
 
@@ -82,9 +89,8 @@ impl Model {
     pub fn decode(bytes: &[u8]) -> Result<Self, ModelError> {
         let (_, metadata) = SafeTensors::read_metadata(bytes)?;
         let entries = metadata.metadata().clone().unwrap_or_default();
-        let entry = |name: &str| entries.get(name).map_or("", String::as_str);
-        let settings: Settings = serde_json::from_str(entry("settings"))?;
-        let frame = serde_json::from_str(entry("frame"))?;
+        let record = entries.get(KEY).map_or("", String::as_str);
+        let Record { settings, frame } = serde_json::from_str(record)?;
         let file = SafeTensors::deserialize(bytes)?;
         let mut parameters = Vec::new();
         for (name, shape, _) in tensors(&settings) {

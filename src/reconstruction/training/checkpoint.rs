@@ -96,12 +96,13 @@ impl<T: Scalar> State<'_, T> {
         if *found != identity.0 {
             return Err(Refusal::Identity);
         }
-        let (hash, state) = rest.split_first_chunk::<HASH_BYTES>().ok_or(Refusal::Damaged)?;
+        let (hash, state) = rest
+            .split_first_chunk::<HASH_BYTES>()
+            .ok_or(Refusal::Damaged)?;
         if Sha256::digest(state).as_slice() != hash {
             return Err(Refusal::Damaged);
         }
-        let state: State<'static, T> =
-            postcard::from_bytes(state).map_err(|_| Refusal::Damaged)?;
+        let state: State<'static, T> = postcard::from_bytes(state).map_err(|_| Refusal::Damaged)?;
         if state.at.parameters.len() != dimension {
             return Err(Refusal::Damaged);
         }
