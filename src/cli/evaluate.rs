@@ -15,7 +15,7 @@ use crate::reconstruction::surface::{Request, extract};
 
 /// Arguments of `meshway evaluate`.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// The mesh: PLY, OBJ, OFF or STL, also gzipped.
     mesh: PathBuf,
     /// What to compare it with: a mesh, a point cloud, or a shape such as sphere:1.

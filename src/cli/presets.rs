@@ -12,7 +12,7 @@ use crate::reconstruction::settings::BOUNDS;
 
 /// Arguments of `meshway presets`.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// Only this preset.
     preset: Option<Preset>,
     /// The bounds of every number instead.

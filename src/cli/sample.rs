@@ -11,7 +11,7 @@ use crate::reconstruction::shapes::{Recipe, Shape, sample};
 
 /// Arguments of `meshway sample`.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// sphere[:RADIUS], torus[:MAJOR:MINOR], hand, uterus or abdomen.
     shape: String,
     /// Points on the surface.

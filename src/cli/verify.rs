@@ -11,7 +11,7 @@ use crate::reconstruction::verify::{TOLERANCE, Trace, TraceResult, verify};
 
 /// Arguments of `meshway verify`.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// Folder with pairs NAME.json and NAME.safetensors.
     folder: PathBuf,
 }

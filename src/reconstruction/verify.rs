@@ -12,7 +12,6 @@ use super::network::{Architecture, Engine, Libtorch};
 use super::sampling::Samples;
 use super::settings::Scheme;
 use super::training::{Interrupt, Iterate, Lbfgs, Options};
-use super::vector::Vec3;
 
 /// Largest relative difference of a loss in a trace that passes. A relative change of the samples
 /// by 1e-15 moves the losses by less than 1e-8, so that another order of summation stays within
@@ -211,7 +210,7 @@ impl Tensors<'_> {
         let coordinates = self.values("samples", count.saturating_mul(3))?;
         let (points, _) = coordinates.as_chunks::<3>();
         Ok(Samples {
-            points: points.iter().copied().map(Vec3::from).collect(),
+            points: points.to_vec(),
             targets: self.values("targets", count)?,
             weights: vec![1.0; count],
         })

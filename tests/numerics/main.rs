@@ -2,5 +2,12 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod mesh;
+mod network;
+mod optimiser;
 mod readers;
+mod reconstruction;
+mod sampling;
+mod shapes;
 mod surface;
+mod traces;
+mod training;

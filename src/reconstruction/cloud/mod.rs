@@ -1,7 +1,8 @@
 //! Point clouds and the formats they are read from.
 //!
 //! A file goes through [`read()`]: unpacked, its format recognised, its rows poured by one of the
-//! readers into a `collector`, which holds the limits. Readers see bytes, not files.
+//! readers into a `collector`, which holds the limits. Readers see bytes, not files. What meshes have
+//! in common with clouds (headers, vertices, numbers) is read by the same code.
 
 mod binary;
 mod collector;
@@ -10,12 +11,12 @@ mod error;
 mod format;
 mod npy;
 mod obj;
-mod off;
+pub(super) mod off;
 mod pcd;
-mod ply;
+pub(super) mod ply;
 mod read;
-mod stl;
-mod text;
+pub(super) mod stl;
+pub(super) mod text;
 mod validate;
 mod write;
 mod xyz;
@@ -27,6 +28,8 @@ use super::vector::{Bounds, Vec3};
 pub use error::Error;
 pub use format::Format;
 pub use read::{Limits, Source, read};
+pub(super) use read::{content, unpack};
+pub(super) use validate::{MAX_COORDINATE, enough_points};
 pub use write::{write_ply, write_xyz};
 
 /// Where a point lies, as the user says.
@@ -98,8 +101,8 @@ impl PointCloud {
 
     /// Adds the points of `other` behind the own ones.
     ///
-    /// Normals are kept only if both clouds have them. Where one cloud has labels, the points of
-    /// the other are surface points.
+    /// Where only one cloud has normals, the points of the other get zeros, which stand for none;
+    /// where only one has labels, the points of the other are surface points.
     pub fn append(&mut self, other: Self) {
         if self.points.is_empty() {
             *self = other;
@@ -108,20 +111,17 @@ impl PointCloud {
         if other.points.is_empty() {
             return;
         }
-        self.normals = self
-            .normals
-            .take()
-            .zip(other.normals)
-            .map(|(mut all, more)| {
-                all.extend(more);
-                all
-            });
+        if self.normals.is_some() || other.normals.is_some() {
+            let none = |count| vec![[0.0; 3]; count];
+            let all = self.normals.get_or_insert_with(|| none(self.points.len()));
+            all.extend(other.normals.unwrap_or_else(|| none(other.points.len())));
+        }
         if self.labels.is_some() || other.labels.is_some() {
             let surface = |count| vec![Label::Surface; count];
-            let mut labels = self.labels.take();
-            let all = labels.get_or_insert_with(|| surface(self.points.len()));
+            let all = self
+                .labels
+                .get_or_insert_with(|| surface(self.points.len()));
             all.extend(other.labels.unwrap_or_else(|| surface(other.points.len())));
-            self.labels = labels;
         }
         self.points.extend(other.points);
     }

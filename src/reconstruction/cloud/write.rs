@@ -10,21 +10,18 @@ use super::{Label, PointCloud};
 /// # Errors
 /// Those of `out`.
 pub fn write_ply(cloud: &PointCloud, out: &mut dyn Write) -> io::Result<()> {
-    let mut header = format!(
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}\n",
-        cloud.points.len()
-    );
+    writeln!(out, "ply\nformat binary_little_endian 1.0")?;
+    writeln!(out, "element vertex {}", cloud.points.len())?;
     let normals = cloud.normals.as_ref().map(|_| ["nx", "ny", "nz"]);
     for name in ["x", "y", "z"]
         .into_iter()
         .chain(normals.into_iter().flatten())
     {
-        header += &format!("property double {name}\n");
+        writeln!(out, "property double {name}")?;
     }
     if cloud.labels.is_some() {
-        header += "property char label\n";
+        writeln!(out, "property char label")?;
     }
-    out.write_all(header.as_bytes())?;
     out.write_all(b"end_header\n")?;
     let mut row = Vec::new();
     for i in 0..cloud.points.len() {

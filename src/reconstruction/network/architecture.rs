@@ -6,7 +6,7 @@ use super::Scalar;
 use crate::reconstruction::settings::{Network, Scheme};
 
 /// Fully connected network: `hidden_layers` layers of equal width and a linear output
-/// ([N24] section 2).
+/// (\[N24\] section 2).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Architecture {
     /// Residual scheme of the hidden layers.

@@ -6,10 +6,10 @@ use super::{Architecture, Scalar};
 use crate::reconstruction::random::{Purpose, stream};
 
 /// Bias that keeps the gates of `highway` mostly shut at the start, so that layers pass their
-/// input on: T = sigmoid(-1) ≈ 0.27 ([N24] section 2).
+/// input on: T = sigmoid(-1) ≈ 0.27 (\[N24\] section 2).
 const GATE_BIAS: f64 = -1.0;
 
-/// Xavier normal weights, N(0, 2 / (rows + columns)) (equation 12 of [GB10] as a normal
+/// Xavier normal weights, N(0, 2 / (rows + columns)) (equation 12 of \[GB10\] as a normal
 /// distribution of the same variance), and biases 0; gates have biases -1.
 ///
 /// # Determinism

@@ -1,6 +1,6 @@
 //! From points to training samples: frame, normals, winding number, off-surface samples, hold-out.
 //!
-//! [`prepare`] is the whole room. It works in the unit frame; what it knows about the surface (which
+//! [`prepare()`] is the whole room. It works in the unit frame; what it knows about the surface (which
 //! way is out, which side a place is on) comes from all its points, what is trained on from an even
 //! subset within the budget.
 
@@ -23,9 +23,6 @@ pub use frame::Frame;
 pub use normals::NormalSource;
 pub use prepare::prepare;
 
-/// Fewest surface points: below, no neighbourhood tells a surface.
-pub const MIN_SURFACE_POINTS: usize = 16;
-
 /// Points with targets and weights of the least-squares fit, in the frame of training.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Samples {
@@ -33,7 +30,7 @@ pub struct Samples {
     pub points: Vec<Vec3>,
     /// Targets, `[n]`.
     pub targets: Vec<f64>,
-    /// Weights, `[n]`; 1 in [N24].
+    /// Weights, `[n]`; 1 in \[N24\].
     pub weights: Vec<f64>,
 }
 

@@ -92,6 +92,11 @@ impl Neighbourhoods {
         }
     }
 
+    /// Number of neighbours of each point.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
     /// Neighbours of point `i`.
     pub fn of(&self, i: usize) -> impl Iterator<Item = usize> + '_ {
         self.indices[i * self.count..(i + 1) * self.count]
@@ -118,8 +123,7 @@ impl Neighbourhoods {
     /// the tangent plane.
     ///
     /// Neighbours whose normal points the other way belong to the far side of a thin part and are
-    /// left out. A neighbour is turned into the plane with its distance kept, which is exact to
-    /// first order on a curved surface.
+    /// left out. The others are projected, so that noise along the normal adds no area.
     pub fn areas(&self, points: &[Vec3], normals: &[Vec3], spacings: &[f64]) -> Vec<f64> {
         (0..points.len())
             .into_par_iter()
@@ -134,12 +138,7 @@ impl Neighbourhoods {
                 ];
                 for j in self.of(i).filter(|&j| dot(normals[i], normals[j]) > 0.0) {
                     let edge = sub(points[j], points[i]);
-                    let flat = [dot(edge, u), dot(edge, v)];
-                    let length = flat[0].hypot(flat[1]);
-                    if length > 0.0 {
-                        let stretch = dot(edge, edge).sqrt() / length;
-                        cell = clip(&cell, flat.map(|x| x * stretch));
-                    }
+                    cell = clip(&cell, [dot(edge, u), dot(edge, v)]);
                 }
                 area(&cell)
             })

@@ -3,11 +3,17 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::neighbours::Neighbourhoods;
+use super::neighbours::{Neighbourhoods, Tree};
 use super::orientation::{orient, points_inwards};
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::symmetric::eigen;
 use crate::reconstruction::vector::{Vec3, dot, normalized, scale, sub};
+
+/// Fewest neighbours of which a plane is fitted.
+const FEWEST: usize = 6;
+
+/// Most neighbours of which a plane is fitted, as a multiple of the chosen number.
+const MOST_WIDENING: usize = 8;
 
 /// Where the normals come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -27,6 +33,7 @@ pub enum NormalSource {
 pub fn normals(
     points: &[Vec3],
     given: Option<&[Vec3]>,
+    tree: &Tree,
     neighbours: &Neighbourhoods,
     warnings: &mut Vec<Warning>,
 ) -> (Vec<Vec3>, NormalSource) {
@@ -42,7 +49,7 @@ pub fn normals(
                 "all given normals are zero or not finite; they are estimated instead",
             ));
         }
-        let estimated = estimate(points, neighbours);
+        let estimated = estimate(points, tree, neighbours.count());
         return (
             orient(points, &estimated, neighbours),
             NormalSource::Estimated,
@@ -53,7 +60,7 @@ pub fn normals(
             "normals_replaced",
             format!("{missing} given normals are zero or not finite; they are estimated instead"),
         ));
-        replace_missing(points, &mut checked, neighbours);
+        replace_missing(points, &mut checked, tree, neighbours);
     }
     let mut normals: Vec<Vec3> = checked.into_iter().flatten().collect();
     let all: Vec<usize> = (0..points.len()).collect();
@@ -70,33 +77,62 @@ pub fn normals(
 }
 
 /// Undirected unit normals: the direction of least extent of each point and its neighbours
-/// [H92, section 3.2].
-pub fn estimate(points: &[Vec3], neighbours: &Neighbourhoods) -> Vec<Vec3> {
-    (0..points.len())
-        .into_par_iter()
-        .map(|i| plane(points, i, neighbours))
+/// \[H92, tangent plane estimation\].
+///
+/// # Deviations
+/// \[H92\] takes a fixed number of neighbours. Here several numbers are tried, from half of those
+/// in `neighbours` on, and the one whose points lie flattest is taken: thin parts ask for few,
+/// noise above the spacing for many.
+pub fn estimate(points: &[Vec3], tree: &Tree, neighbours: usize) -> Vec<Vec3> {
+    points
+        .par_iter()
+        .map(|&p| plane(points, tree, p, neighbours))
         .collect()
 }
 
-fn plane(points: &[Vec3], i: usize, neighbours: &Neighbourhoods) -> Vec3 {
-    // Relative to point i, so that no digits are lost far from the origin.
-    let arms: Vec<Vec3> = neighbours
-        .of(i)
-        .map(|j| sub(points[j], points[i]))
+fn plane(points: &[Vec3], tree: &Tree, p: Vec3, neighbours: usize) -> Vec3 {
+    let most = MOST_WIDENING * neighbours;
+    // Relative to the point, so that no digits are lost far from the origin.
+    let arms: Vec<Vec3> = tree
+        .nearest_n(p, most + 1)
+        .into_iter()
+        .map(|(j, _)| sub(points[j], p))
         .collect();
-    let count = (arms.len() + 1) as f64;
+    let mut best = (f64::INFINITY, [0.0, 0.0, 1.0]);
+    let mut count = (neighbours / 2).max(FEWEST);
+    loop {
+        let taken = (count + 1).min(arms.len());
+        let (values, vectors) = eigen(covariance(&arms[..taken]));
+        // A plane has three degrees of freedom, so that few points lie flat by chance.
+        let freedom = taken as f64 / (taken as f64 - 3.0).max(0.5);
+        let roughness = freedom * values[0].max(0.0) / values[1].max(f64::MIN_POSITIVE);
+        if roughness < best.0 {
+            best = (roughness, vectors[0]);
+        }
+        if taken == arms.len() || count >= most {
+            return best.1;
+        }
+        count *= 2;
+    }
+}
+
+fn covariance(arms: &[Vec3]) -> [[f64; 3]; 3] {
+    let count = arms.len() as f64;
     let mean: Vec3 = std::array::from_fn(|a| arms.iter().map(|d| d[a]).sum::<f64>() / count);
-    let covariance = std::array::from_fn(|a| {
+    std::array::from_fn(|a| {
         std::array::from_fn(|b| {
             arms.iter().map(|d| d[a] * d[b]).sum::<f64>() / count - mean[a] * mean[b]
         })
-    });
-    let (_, vectors) = eigen(covariance);
-    vectors[0]
+    })
 }
 
 /// Fills the gaps of `normals`, spreading the side from the usable ones outwards.
-fn replace_missing(points: &[Vec3], normals: &mut [Option<Vec3>], neighbours: &Neighbourhoods) {
+fn replace_missing(
+    points: &[Vec3],
+    normals: &mut [Option<Vec3>],
+    tree: &Tree,
+    neighbours: &Neighbourhoods,
+) {
     let mut missing: Vec<usize> = (0..points.len())
         .filter(|&i| normals[i].is_none())
         .collect();
@@ -105,13 +141,17 @@ fn replace_missing(points: &[Vec3], normals: &mut [Option<Vec3>], neighbours: &N
             .iter()
             .filter_map(|&i| {
                 let known = neighbours.of(i).find_map(|j| normals[j])?;
-                let normal = plane(points, i, neighbours);
+                let normal = plane(points, tree, points[i], neighbours.count());
                 Some((i, scale(normal, 1.0_f64.copysign(dot(normal, known)))))
             })
             .collect();
         if filled.is_empty() {
             // A group with no usable normal around it: its own best orientation.
-            let estimated = orient(points, &estimate(points, neighbours), neighbours);
+            let estimated = orient(
+                points,
+                &estimate(points, tree, neighbours.count()),
+                neighbours,
+            );
             for &i in &missing {
                 normals[i] = Some(estimated[i]);
             }

@@ -4,28 +4,92 @@
 //! Everything else sees only [`orient`], so that a better method can take its place.
 
 use super::neighbours::Neighbourhoods;
+use super::winding::{Oriented, Winding};
 use crate::reconstruction::vector::{Vec3, add, along, dot, normalized, scale, sub};
 
 /// Below this share of the largest volume that a piece could enclose, its volume has no clear sign
 /// and its extreme point decides: an open, nearly flat piece.
 const CLEAR_VOLUME: f64 = 0.02;
 
+/// Most points around which a result is judged.
+const MOST_PROBES: usize = 4_000;
+
+/// How the normals at the two ends of an edge are compared.
+#[derive(Debug, Clone, Copy)]
+enum Rule {
+    /// As they are \[H92\]: right where noise exceeds the spacing.
+    Parallel,
+    /// After a reflection at the plane that halves the edge: exact on circular arcs, hence right on
+    /// sharp ridges and across thin parts, but misled by noise.
+    Reflected,
+}
+
 /// Signs the unit `normals` of `points` so that they point outwards.
 ///
-/// Normals are propagated along a minimum spanning tree of the neighbour graph \[H92, section 3.3\],
-/// each connected piece for itself; each piece is then turned so that it encloses a positive
+/// Normals are propagated along a minimum spanning tree of the neighbour graph
+/// (\[H92\], consistent tangent plane orientation), each connected piece for itself; each piece is then turned so that it encloses a positive
 /// volume.
 ///
 /// # Deviations
-/// \[H92\] weighs an edge with 1 - |nᵢ·nⱼ|. Here nⱼ is first reflected at the plane that halves the
-/// edge, n' = nⱼ - 2 (e·nⱼ) e, e the unit edge: that is exact on any circular arc, so that sharp
-/// ridges and the two sides of a thin part are told apart.
+/// \[H92\] weighs an edge with 1 - |nᵢ·nⱼ|. Here the reflected normal n' = nⱼ - 2 (e·nⱼ) e, e the unit
+/// edge, is tried as well, and both on the whole graph and on its shorter half; the result is taken
+/// whose winding number is nearest to 1 on the inner and to 0 on the outer side.
 pub fn orient(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) -> Vec<Vec3> {
-    let mut edges: Vec<(f64, u32, u32, bool)> = Vec::new();
+    let spacings = neighbours.spacings(points);
+    let mut best = (f64::INFINITY, normals.to_vec());
+    for rule in [Rule::Reflected, Rule::Parallel] {
+        for reach in [neighbours.count(), neighbours.count().div_ceil(2)] {
+            let edges = edges(points, normals, neighbours, (rule, reach));
+            let oriented = propagate(points, normals, neighbours, edges);
+            let contradiction = contradiction(Oriented {
+                points,
+                normals: &oriented,
+                areas: &neighbours.areas(points, &oriented, &spacings),
+                spacings: &spacings,
+            });
+            if contradiction < best.0 {
+                best = (contradiction, oriented);
+            }
+        }
+    }
+    best.1
+}
+
+/// Mean squared departure of the winding number from 1 one spacing inside each point, and from 0 one
+/// spacing outside; over some of the points where they are many.
+fn contradiction(oriented: Oriented<'_>) -> f64 {
+    let winding = Winding::new(oriented);
+    let every = oriented.points.len().div_ceil(MOST_PROBES);
+    let departure = |sign: f64, expected: f64| -> f64 {
+        let probes: Vec<Vec3> = (0..oriented.points.len())
+            .step_by(every)
+            .map(|i| {
+                let step = sign * oriented.spacings[i];
+                along(oriented.points[i], step, oriented.normals[i])
+            })
+            .collect();
+        let found = winding.at_all(&probes);
+        let sum: f64 = found.iter().map(|w| (w - expected) * (w - expected)).sum();
+        sum / probes.len() as f64
+    };
+    departure(-1.0, 1.0) + departure(1.0, 0.0)
+}
+
+/// An edge of the neighbour graph: cost, ends, and whether its normals should be opposite.
+type Edge = (f64, u32, u32, bool);
+
+/// The edges from each point to its nearest `reach` neighbours, cheapest first.
+fn edges(
+    points: &[Vec3],
+    normals: &[Vec3],
+    neighbours: &Neighbourhoods,
+    (rule, reach): (Rule, usize),
+) -> Vec<Edge> {
+    let mut edges: Vec<Edge> = Vec::new();
     for i in 0..points.len() {
-        for j in neighbours.of(i) {
-            // Either end may list the other; equal edges meet in the forest, where one is idle.
-            let agreement = agreement(points, normals, i, j);
+        for j in neighbours.of(i).take(reach) {
+            // Either end may list the other; of two equal edges the second one changes nothing.
+            let agreement = rule.agreement(sub(points[j], points[i]), normals[i], normals[j]);
             edges.push((
                 1.0 - agreement.abs(),
                 i.min(j) as u32,
@@ -35,6 +99,17 @@ pub fn orient(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) ->
         }
     }
     edges.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    edges
+}
+
+/// Normals signed along the minimum spanning trees of `edges`, outwards as far as each tree's volume
+/// tells.
+fn propagate(
+    points: &[Vec3],
+    normals: &[Vec3],
+    neighbours: &Neighbourhoods,
+    edges: Vec<Edge>,
+) -> Vec<Vec3> {
     let mut forest = Forest::new(points.len());
     for (_, i, j, opposite) in edges {
         forest.join(i as usize, j as usize, opposite);
@@ -58,13 +133,14 @@ pub fn orient(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) ->
     oriented
 }
 
-/// Cosine between the normal at `i` and the one at `j`, reflected at the middle of the edge.
-fn agreement(points: &[Vec3], normals: &[Vec3], i: usize, j: usize) -> f64 {
-    let plain = dot(normals[i], normals[j]);
-    normalized(sub(points[j], points[i])).map_or(plain, |edge| {
-        let reflected = along(normals[j], -2.0 * dot(edge, normals[j]), edge);
-        dot(normals[i], reflected)
-    })
+impl Rule {
+    /// Cosine between the normals `a` and `b` at the ends of `edge`, signed as they should agree.
+    fn agreement(self, edge: Vec3, a: Vec3, b: Vec3) -> f64 {
+        match (self, normalized(edge)) {
+            (Self::Reflected, Some(edge)) => dot(a, along(b, -2.0 * dot(edge, b), edge)),
+            _ => dot(a, b),
+        }
+    }
 }
 
 /// Whether the normals of a piece point inwards as a whole.

@@ -13,6 +13,10 @@ const INSIDE: f64 = 0.65;
 /// Winding number up to which a place is surely outside.
 const OUTSIDE: f64 = 1.0 - INSIDE;
 
+/// How far from its nearest point a place of the surface may be, in local spacings: the largest gaps
+/// of a random sampling.
+const GAP: f64 = 2.0;
+
 /// Oriented points with what is needed to ask about places around them.
 pub struct OrientedSurface {
     /// Positions.
@@ -37,7 +41,7 @@ impl OrientedSurface {
     ) -> Self {
         let tree = Tree::new(&points);
         let near = Neighbourhoods::new(&tree, &points, neighbours);
-        let (normals, source) = normals(&points, given, &near, warnings);
+        let (normals, source) = normals(&points, given, &tree, &near, warnings);
         let spacings = near.spacings(&points);
         let areas = near.areas(&points, &normals, &spacings);
         let winding = Winding::new(Oriented {
@@ -71,11 +75,12 @@ impl OrientedSurface {
     /// Index of the point nearest to `q`, and the distance of `q` to the surface there.
     ///
     /// Close by, that is the distance to the tangent plane; it is never less than what it would
-    /// be if the foot lay one spacing beside the point.
+    /// be if the foot lay as far beside the point as gaps between points allow.
     pub fn nearest(&self, q: Vec3) -> (usize, f64) {
         let (i, to_point) = self.tree.nearest(q);
         let to_plane = dot(sub(q, self.points[i]), self.normals[i]).abs();
-        let least = (to_point * to_point - self.spacings[i] * self.spacings[i]).max(0.0);
+        let gap = GAP * self.spacings[i];
+        let least = (to_point * to_point - gap * gap).max(0.0);
         (i, to_plane.max(least.sqrt()))
     }
 }

@@ -7,8 +7,8 @@ use crate::reconstruction::vector::{Bounds, Vec3, add, along, distance, dot, nor
 /// Points of a leaf, summed one by one.
 const LEAF: usize = 16;
 
-/// A cluster is taken as one dipole from beyond so many of its radii. [B18] uses 2 with a
-/// second-order expansion; with the first order, 3 keeps the error below 0.01.
+/// A cluster is taken as one dipole from beyond so many of its radii. \[B18\] uses 2 with a
+/// second-order expansion; with the first order, 3 keeps the error below 0.02.
 const FAR: f64 = 3.0;
 
 /// Radius within which a point's kernel is regularised, in local spacings. A sheet of points on a
@@ -16,7 +16,7 @@ const FAR: f64 = 3.0;
 const SOFTENING: f64 = 0.5;
 
 /// w(q) = Σᵢ Aᵢ (pᵢ - q)·nᵢ / (4π |pᵢ - q|³), with the distance bounded below near each point
-/// ([B18] eq. 5), and far clusters taken as one dipole ([B18] section 3.2, first order).
+/// (\[B18\], for point clouds), and far clusters taken as one dipole (its first order).
 pub struct Winding {
     sources: Vec<Source>,
     nodes: Vec<Node>,
@@ -119,7 +119,7 @@ impl Source {
     }
 }
 
-/// Appends the tree over `sources[start..end]` to `nodes`, halving the longest edge's order.
+/// Appends the tree over `sources[start..end]` to `nodes`, halved along the longest edge of its box.
 fn build(sources: &mut [Source], nodes: &mut Vec<Node>, start: usize, end: usize) {
     let part = &mut sources[start..end];
     let bounds = Bounds::of(part.iter().map(|s| &s.position)).expect("a node holds points");

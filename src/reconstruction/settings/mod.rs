@@ -5,13 +5,18 @@
 //! preset; [`Settings::resolve`] lays it over the preset and reports every violation at once, each
 //! with a JSON pointer. There is no second, all-optional copy of the structs to keep in step.
 
+mod assignments;
+mod bounds;
+mod error;
 mod presets;
 mod resolve;
 
 use serde::{Deserialize, Serialize};
 
+pub use assignments::assignments;
+pub use bounds::{BOUNDS, Bound};
+pub use error::{Error, Violation};
 pub use presets::Preset;
-pub use resolve::{BOUNDS, Bound, Error, Violation, assignments};
 
 /// All parameters of a run, complete: what is stored beside a result to make it again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,7 +32,7 @@ pub struct Settings {
     pub surface: Surface,
 }
 
-/// Residual scheme of the hidden layers; z = W a + b, `∘` element-wise ([N24] section 2).
+/// Residual scheme of the hidden layers; z = W a + b, `∘` element-wise (\[N24\] section 2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Scheme {
@@ -143,7 +148,7 @@ pub enum Frame {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Targets {
-    /// 1 inside, 0 on the surface, -1 outside ([N24]).
+    /// 1 inside, 0 on the surface, -1 outside (\[N24\]).
     Binary,
     /// Signed distance (positive inside) over `band`, clamped to [-1, 1].
     Graded,
@@ -155,7 +160,7 @@ pub enum Targets {
 pub enum OffSurface {
     /// From the labels of the cloud and, besides, generated along the normals and in the box.
     Generated,
-    /// From the labels of the cloud only ([N24]).
+    /// From the labels of the cloud only (\[N24\]).
     Labels,
 }
 

@@ -19,7 +19,7 @@ pub enum Preset {
     Balanced,
     /// More points, more training, a finer grid.
     Fine,
-    /// The runs of [N24]: coordinates as given, binary targets on labelled points, dense 70³ grid.
+    /// The runs of \[N24\]: coordinates as given, binary targets on labelled points, dense 70³ grid.
     Paper,
 }
 
@@ -44,8 +44,8 @@ impl Preset {
             Self::Balanced => balanced,
             Self::Fast => Settings {
                 training: Training {
-                    max_evaluations: 300,
-                    patience: 100,
+                    max_evaluations: 400,
+                    patience: 150,
                     ..balanced.training
                 },
                 sampling: Sampling {
@@ -109,9 +109,9 @@ fn balanced() -> Settings {
         },
         sampling: Sampling {
             frame: Frame::Normalized,
-            half_extent: 1.0,
+            half_extent: 3.0,
             targets: Targets::Graded,
-            band: 0.05,
+            band: 0.03,
             off_surface: OffSurface::Generated,
             surface_points: 5_000,
             labelled_points: 5_000,
@@ -130,7 +130,7 @@ fn balanced() -> Settings {
     }
 }
 
-/// [N24] and the script of its authors: lr 0.1, history 100, both tolerances 1e-11, 70³ grid.
+/// \[N24\] and the script of its authors: lr 0.1, history 100, both tolerances 1e-11, 70³ grid.
 fn paper(base: Settings) -> Settings {
     Settings {
         network: base.network,

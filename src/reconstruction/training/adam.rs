@@ -5,14 +5,14 @@ use serde::{Deserialize, Serialize};
 use super::iterate::{Interrupt, Iterate, Objective, Step};
 use crate::reconstruction::network::Scalar;
 
-/// Decay of the first moment; this and the next two are the defaults of [KB15] and of PyTorch.
+/// Decay of the first moment; this and the next two are the defaults of \[KB15\] and of PyTorch.
 const BETA1: f64 = 0.9;
 /// Decay of the second moment.
 const BETA2: f64 = 0.999;
 /// Keeps the division finite.
 const EPSILON: f64 = 1e-8;
 
-/// State of Adam ([KB15] algorithm 1) between two steps. The moments are f64 whatever the precision
+/// State of Adam (\[KB15\] algorithm 1) between two steps. The moments are f64 whatever the precision
 /// of the parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Adam {

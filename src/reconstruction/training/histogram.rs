@@ -1,4 +1,4 @@
-//! Histograms of the gradient, layer by layer: the figure of [N24] on vanishing gradients.
+//! Histograms of the gradient, layer by layer: the figure of \[N24\] on vanishing gradients.
 
 use super::{GradientHistogram, LayerHistogram};
 use crate::reconstruction::network::{Architecture, Scalar};

@@ -1,8 +1,8 @@
 //! L-BFGS with a strong Wolfe line search, one accepted step at a time.
 //!
-//! Follows `torch.optim.LBFGS` ([N24] uses it), so that its runs can be repeated evaluation by
+//! Follows `torch.optim.LBFGS` (\[N24\] uses it), so that its runs can be repeated evaluation by
 //! evaluation: first step, curvature test, scaling, and every stopping test in its order. The
-//! direction is algorithm 7.4 of [NW06]. Deviations, besides those of the line search:
+//! direction is algorithm 7.4 of \[NW06\]. Deviations, besides those of the line search:
 //!
 //! - A search makes at most 25 evaluations; recent versions of PyTorch limit it only by what is
 //!   left of the whole budget, and may overrun that by one.

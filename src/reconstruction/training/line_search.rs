@@ -1,7 +1,7 @@
 //! Line search for the strong Wolfe conditions with cubic interpolation.
 //!
 //! Follows `_strong_wolfe` of `torch.optim.lbfgs` test by test, which goes back to minFunc and is
-//! a practical form of algorithms 3.5 and 3.6 of [NW06]. Deviations:
+//! a practical form of algorithms 3.5 and 3.6 of \[NW06\]. Deviations:
 //!
 //! - A trial whose loss or slope is not finite counts as infinitely high, so that the bracket
 //!   closes in from the finite side; PyTorch would go on with NaN.
@@ -141,7 +141,7 @@ impl<T: Scalar> Search<'_, '_, T> {
         })
     }
 
-    /// Lengthens the step until a point that satisfies the conditions is enclosed ([NW06]
+    /// Lengthens the step until a point that satisfies the conditions is enclosed (\[NW06\]
     /// algorithm 3.5).
     fn bracket(&mut self, first_step: f64) -> Result<Bracketing<T>, Interrupt> {
         let line = self.line;
@@ -175,7 +175,7 @@ impl<T: Scalar> Search<'_, '_, T> {
         }))
     }
 
-    /// Narrows the bracket and returns its lower end ([NW06] algorithm 3.6).
+    /// Narrows the bracket and returns its lower end (\[NW06\] algorithm 3.6).
     fn zoom(&mut self, mut bracket: [Trial<T>; 2]) -> Result<Trial<T>, Interrupt> {
         let line = self.line;
         let longest = max_norm(line.direction);
@@ -223,7 +223,7 @@ impl<T: Scalar> Search<'_, '_, T> {
     }
 }
 
-/// Where the cubic through two trials and their slopes is lowest, within `bounds` ([NW06]
+/// Where the cubic through two trials and their slopes is lowest, within `bounds` (\[NW06\]
 /// equation 3.59); the middle of the bounds where there is no such point.
 fn cubic_minimum<T>(a: &Trial<T>, b: &Trial<T>, bounds: (f64, f64)) -> f64 {
     let (left, right) = if a.step <= b.step { (a, b) } else { (b, a) };

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 pub use adam::Adam;
 pub use iterate::{Interrupt, Iterate, Objective, Step};
 pub use lbfgs::{Lbfgs, Options};
-pub use monitor::Hooks;
+pub use monitor::{Hooks, Snapshot};
 pub use run::{Trained, train};
 
 /// Why training ended. Not converging is a result, not an error.
@@ -44,7 +44,7 @@ pub enum Termination {
 pub struct Metrics {
     /// Accepted iterations so far.
     pub iteration: u64,
-    /// Evaluations of loss and gradient so far: what the figures of [N24] call epochs.
+    /// Evaluations of loss and gradient so far: what the figures of \[N24\] call epochs.
     pub evaluation: u64,
     /// Mean weighted squared error on the training samples.
     pub loss: f64,

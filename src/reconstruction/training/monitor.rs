@@ -8,14 +8,17 @@ use crate::reconstruction::network::{Engine, Scalar};
 use crate::reconstruction::observer::{Event, Observer};
 use crate::reconstruction::settings::Training;
 
+/// Does something with the parameters of one evaluation, whose number comes first.
+pub type Snapshot<'a, T> = dyn FnMut(u64, &[T]) -> Result<(), Error> + 'a;
+
 /// What training tells and asks.
 pub struct Hooks<'a, T> {
     /// Hears of metrics, histograms and progress; lends the clock; can stop the run.
     pub observer: &'a dyn Observer,
     /// Called with the number of the evaluation and its parameters at each of
     /// `snapshot_evaluations`. Like a histogram it belongs to exactly that evaluation, which may
-    /// be a trial of a line search, as in [N24].
-    pub snapshot: &'a mut dyn FnMut(u64, &[T]) -> Result<(), Error>,
+    /// be a trial of a line search, as in \[N24\].
+    pub snapshot: &'a mut Snapshot<'a, T>,
 }
 
 /// Stands between the optimiser and the engine.

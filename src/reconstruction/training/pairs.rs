@@ -67,7 +67,7 @@ impl<T: Scalar> Pairs<T> {
         i * self.dimension..(i + 1) * self.dimension
     }
 
-    /// -H ∇L by the two-loop recursion ([NW06] algorithm 7.4).
+    /// -H ∇L by the two-loop recursion (\[NW06\] algorithm 7.4).
     pub(super) fn direction(&self, gradient: &[T]) -> Vec<T> {
         let len = self.inverse_curvatures.len();
         let oldest_first = (0..len).map(|k| (self.oldest + k) % len);
