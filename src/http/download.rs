@@ -17,6 +17,8 @@ use tokio::fs::File;
 use tokio::io::{AsyncReadExt, AsyncSeekExt};
 use tokio_util::io::ReaderStream;
 
+pub(super) use hex::encode as hex;
+
 use super::error::{ApiError, Code, Result};
 
 /// Bytes of a file that are read at a time.
@@ -174,13 +176,6 @@ fn asked_range(request: &HeaderMap, etag: &str, total: u64) -> Asked {
     } else {
         Asked::Outside
     }
-}
-
-/// Lower-case hexadecimal digits.
-pub(super) fn hex(bytes: &[u8]) -> String {
-    let digit = |nibble: u8| char::from_digit(u32::from(nibble), 16).unwrap_or('0');
-    let digits = bytes.iter().flat_map(|byte| [byte >> 4, byte & 15]);
-    digits.map(digit).collect()
 }
 
 #[cfg(test)]

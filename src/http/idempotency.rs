@@ -89,7 +89,7 @@ impl Request {
         let Some(key) = self.key else {
             return Ok(Begun::New(Attempt(None)));
         };
-        let sha256 = super::download::hex(&self.hash.finalize());
+        let sha256 = super::download::hex(self.hash.finalize());
         let found = app
             .store
             .idempotency_begin(&key, &self.scope, &sha256)

@@ -148,7 +148,7 @@ impl Spool {
         let sink = self.sink();
         let synced = sink.file.as_file().sync_all();
         synced.map_err(|error| storage(&error))?;
-        let (sha256, bytes) = (hex(&sink.hash.finalize_reset()), sink.bytes);
+        let (sha256, bytes) = (hex(sink.hash.finalize_reset()), sink.bytes);
         Ok(Spooled {
             file: self.into_sink()?.file,
             sha256,

@@ -9,29 +9,43 @@ struct Room {
     refused: &'static [&'static str],
 }
 
-const ROOMS: &[Room] = &[Room {
-    folder: "src/reconstruction",
-    refused: &[
-        "crate::cli",
-        "crate::config",
-        "crate::jobs",
-        "crate::http",
-        "tokio",
-        "sqlx",
-        "axum",
-        "tracing",
-        "anyhow",
-        "std::env",
-        "std::fs",
-        "std::time",
-        "std::net",
-        "std::process",
-        "Instant",
-        "SystemTime",
-        "println!",
-        "eprintln!",
-    ],
-}];
+const ROOMS: &[Room] = &[
+    Room {
+        folder: "src/http",
+        refused: &[
+            "crate::cli",
+            "sqlx",
+            "tch",
+            "anyhow",
+            "SystemTime",
+            "std::env",
+            "println!",
+        ],
+    },
+    Room {
+        folder: "src/reconstruction",
+        refused: &[
+            "crate::cli",
+            "crate::config",
+            "crate::jobs",
+            "crate::http",
+            "tokio",
+            "sqlx",
+            "axum",
+            "tracing",
+            "anyhow",
+            "std::env",
+            "std::fs",
+            "std::time",
+            "std::net",
+            "std::process",
+            "Instant",
+            "SystemTime",
+            "println!",
+            "eprintln!",
+        ],
+    },
+];
 
 fn sources(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();

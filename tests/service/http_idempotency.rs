@@ -132,10 +132,7 @@ async fn a_second_request_while_the_first_runs_is_told_to_wait() {
             hash.update((part.len() as u64).to_le_bytes());
             hash.update(part);
         }
-        hash.finalize()
-            .iter()
-            .map(|byte| format!("{byte:02x}"))
-            .collect::<String>()
+        hex::encode(hash.finalize())
     };
     let path = format!("/v1/jobs/{}/cancel", service.submit().await);
     let scope = format!("POST {path}");

@@ -2,6 +2,7 @@
 
 use axum::body::Body;
 use axum::http::Request;
+use meshway::reconstruction::Preset;
 use serde_json::{Value, json};
 
 use crate::http_support::{Service, form_request, job_id, json_request, sphere_xyz};
@@ -148,9 +149,11 @@ async fn a_dry_run_tells_settings_and_cost_and_does_nothing() {
         .await
         .expect(200)
         .json();
-    // 100 surface points, two a pair, 1000 far ones.
-    assert_eq!(dry["estimate"]["samples"], 1_300);
-    assert_eq!(dry["settings"]["training"]["max_evaluations"], 300);
+    let fast = Preset::Fast.settings();
+    // 100 surface points, two more for each pair of each, and the far ones.
+    let samples = 100 * (1 + 2 * fast.sampling.near_pairs) + fast.sampling.far_points;
+    assert_eq!(dry["estimate"]["samples"], samples);
+    assert_eq!(dry["settings"], json!(fast));
     assert!(dry["estimate"]["max_training_seconds"].as_f64().unwrap() > 0.0);
     service
         .post_json("/v1/jobs?dry_run=1", &json!({}))

@@ -13,9 +13,8 @@ use crate::http_support::{
 async fn what_is_no_cloud_is_refused_and_leaves_nothing() {
     let service = Service::with(&["--max-points=1000"]).await;
     let rows = |row: &str| row.repeat(20).into_bytes();
-    let plane: String = (0..40)
-        .map(|i| format!("{} {} 0\n", i % 7, i / 7))
-        .collect();
+    let row = |i: u32| format!("{} {} 0\n", i % 7, i / 7);
+    let plane = (0..40).map(row).collect::<Vec<_>>().concat();
     let ply = "ply\nformat ascii 1.0\nelement vertex 99\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n";
     let cases: Vec<(Vec<u8>, u16, &str)> = vec![
         (vec![], 422, "cloud_empty"),
