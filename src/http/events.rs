@@ -22,7 +22,7 @@ use super::feed::Listener;
 use super::job_json::represent;
 use super::results::found;
 use super::time::rfc3339;
-use crate::jobs::{Event, Job, JobId, Problem, Status};
+use crate::jobs::{Event, Job, JobId, Lookup, Problem, Status};
 
 /// Time after which a client that lost its connection should come back, in milliseconds.
 const RETRY_MILLISECONDS: u32 = 2_000;
@@ -49,8 +49,11 @@ pub(super) async fn of_job(
         return page(&app, Some(&job), &asked).await;
     }
     let newest = job.events;
-    let known = |after: &i64| (0..=newest).contains(after);
-    let after = asked.after.map_or(Some(0), |after| after.filter(known));
+    let after = match asked.after {
+        After::Anything => Some(0),
+        After::Event(id) => Some(id).filter(|id| (0..=newest).contains(id)),
+        After::Unknown => None,
+    };
     if job.status.is_final() && after == Some(newest) {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
@@ -70,9 +73,9 @@ pub(super) async fn of_all(
     }
     let newest = app.store.last_seq().await?;
     let after = match asked.after {
-        None => Ok(newest),
-        Some(Some(after)) if (0..=newest).contains(&after) => Ok(after),
-        Some(_) => {
+        After::Anything => Ok(newest),
+        After::Event(id) if (0..=newest).contains(&id) => Ok(id),
+        After::Event(_) | After::Unknown => {
             let first = app.store.all_events_after(0, 1).await?;
             let oldest = first.first().map_or(0, |event| event.seq);
             let counts = app.store.counts().await?;
@@ -87,10 +90,20 @@ pub(super) async fn of_all(
     open(app, None, after).await
 }
 
+/// Where to continue.
+#[derive(Clone, Copy)]
+enum After {
+    /// The client does not say.
+    Anything,
+    /// After this event.
+    Event(i64),
+    /// After something that is no id of ours.
+    Unknown,
+}
+
 /// Where to continue, and how much at once.
 struct Asked {
-    /// `Some(None)`: after something that is no id of ours.
-    after: Option<Option<i64>>,
+    after: After,
     limit: u32,
 }
 
@@ -106,9 +119,13 @@ impl Asked {
         });
         query.finish()?;
         let last = headers.get("last-event-id");
-        let last = last.map(|id| id.to_str().ok().and_then(|id| id.parse().ok()));
+        let last = last.map(|id| {
+            let id = id.to_str().ok().and_then(|id| id.parse().ok());
+            id.map_or(After::Unknown, After::Event)
+        });
+        let after = after.map_or(After::Anything, After::Event);
         Ok(Self {
-            after: last.or(after.map(Some)),
+            after: last.unwrap_or(after),
             limit: limit.unwrap_or(MAX_LIMIT),
         })
     }
@@ -123,7 +140,10 @@ fn wants_json(headers: &HeaderMap) -> bool {
 
 /// A page of events as JSON.
 async fn page(app: &AppState, job: Option<&Job>, asked: &Asked) -> Result<Response> {
-    let after = asked.after.flatten().unwrap_or(0);
+    let after = match asked.after {
+        After::Event(id) => id,
+        After::Anything | After::Unknown => 0,
+    };
     let events = match job {
         Some(job) => app.store.events_after(&job.id, after, asked.limit).await?,
         None => app.store.all_events_after(after, asked.limit).await?,
@@ -258,7 +278,9 @@ impl Subscription {
         match events {
             Ok(events) => {
                 self.behind = events.len() == PAGE as usize;
-                events.iter().for_each(|event| self.send(event));
+                for event in &events {
+                    self.send(event);
+                }
             }
             Err(error) => {
                 // The client comes back and continues where it was.
@@ -283,8 +305,8 @@ impl Subscription {
     async fn comment(&mut self) {
         self.frames.push_back(Bytes::from_static(b": alive\n\n"));
         if let Some(job) = &self.job {
-            let gone = |lookup| !matches!(lookup, Ok(crate::jobs::Lookup::Found(_)));
-            self.ended = gone(self.app.store.job(job).await);
+            let lookup = self.app.store.job(job).await;
+            self.ended = !matches!(lookup, Ok(Lookup::Found(_)));
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Meshes as files in the formats that were asked for: made once, thrown away when they are many.
 //!
-//! The canonical mesh is in the database. A file makes ranges, resumed downloads and a strong ETag
+//! The canonical mesh is in the database. A file makes ranges, resumed downloads and a strong `ETag`
 //! the same for all formats, at the price of one encoding.
 
 use std::collections::HashMap;

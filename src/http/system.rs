@@ -124,9 +124,10 @@ async fn checks(app: &AppState) -> [(&'static str, std::result::Result<(), Strin
         0 => Err("no worker runs".to_owned()),
         _ => Ok(()),
     };
-    let draining = match app.shutdown.is_cancelled() {
-        true => Err("the service is about to stop".to_owned()),
-        false => Ok(()),
+    let draining = if app.shutdown.is_cancelled() {
+        Err("the service is about to stop".to_owned())
+    } else {
+        Ok(())
     };
     [
         ("database", database),

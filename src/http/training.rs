@@ -86,16 +86,18 @@ pub(super) async fn metrics(
             .to_string()
         }
         Format::Csv => csv(&fields, &rows),
-        Format::Ndjson => rows
-            .iter()
-            .map(|row| {
+        Format::Ndjson => {
+            let mut lines = String::new();
+            for row in &rows {
                 let pairs = fields.iter();
                 let row: Map<_, _> = pairs
                     .map(|field| (field.name().to_owned(), field.value(row)))
                     .collect();
-                format!("{}\n", Value::Object(row))
-            })
-            .collect(),
+                lines.push_str(&Value::Object(row).to_string());
+                lines.push('\n');
+            }
+            lines
+        }
     };
     let content_type = HeaderValue::from_static(format.media_type());
     let no_store = HeaderValue::from_static("no-store");
@@ -345,6 +347,6 @@ mod tests {
 
     #[test]
     fn unknown_fields_are_named() {
-        assert!(super::fields("loss,los").unwrap_err().contains("'los'"));
+        assert!(fields("loss,los").unwrap_err().contains("'los'"));
     }
 }
