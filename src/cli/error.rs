@@ -1,5 +1,6 @@
 //! How a command fails: one clear sentence, and an exit code that scripts can rely on.
 
+use std::fmt;
 use std::io;
 use std::path::Path;
 use std::process::ExitCode;
@@ -35,7 +36,7 @@ pub enum Failure {
 
 impl Failure {
     /// An input file that cannot be used.
-    pub fn input(path: &Path, detail: impl ToString) -> Self {
+    pub fn input(path: &Path, detail: impl fmt::Display) -> Self {
         Self::Input {
             place: path.display().to_string(),
             detail: detail.to_string(),

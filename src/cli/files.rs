@@ -25,15 +25,11 @@ pub(super) fn read_cloud(path: &Path) -> Result<(PointCloud, cloud::Source, Inpu
         .map_err(|error| Failure::cloud(path, &error))?;
     let input = Input {
         name: name.unwrap_or_default(),
-        sha256: hex(&Sha256::digest(&bytes)),
+        sha256: hex::encode(Sha256::digest(&bytes)),
         bytes: bytes.len() as u64,
         points: cloud.points.len(),
     };
     Ok((cloud, source, input))
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Where a result goes: a file, or standard output for `-`.

@@ -49,10 +49,10 @@ pub(super) struct Arguments {
     /// One row an accepted iteration.
     #[arg(long, value_name = "CSV")]
     metrics: Option<PathBuf>,
-    /// Gradient histograms at training.histogram_evaluations, as JSON.
+    /// Gradient histograms at `training.histogram_evaluations`, as JSON.
     #[arg(long, value_name = "JSON")]
     gradients: Option<PathBuf>,
-    /// Folder for meshes at training.snapshot_evaluations.
+    /// Folder for meshes at `training.snapshot_evaluations`.
     #[arg(long, value_name = "FOLDER")]
     snapshots: Option<PathBuf>,
     /// Threads to compute with, at most the cores of the machine (the default).
@@ -65,12 +65,12 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let settings = settings(arguments)?;
-    let threads = threads(arguments.threads)?;
+    // First of all: reading, too, uses the threads.
+    set_threads(threads(arguments.threads)?).map_err(|error| Failure::Usage(error.to_string()))?;
     let sinks = Sinks::new(arguments)?;
     let progress = Progress::new(arguments.quiet);
     let (cloud, inputs) = cloud(arguments, &progress)?;
 
-    set_threads(threads).map_err(|error| Failure::Usage(error.to_string()))?;
     let outcome = reconstruct(&cloud, &settings, &progress);
     progress.finish();
     let mut result = outcome.map_err(|error| Failure::of(error, &arguments.cloud))?;

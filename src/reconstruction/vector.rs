@@ -52,6 +52,11 @@ pub fn distance(a: Vec3, b: Vec3) -> f64 {
     norm(sub(a, b))
 }
 
+/// What tells points apart: equal exactly for equal points, -0 and 0 being the same.
+pub fn bits(a: Vec3) -> [u64; 3] {
+    a.map(|v| (v + 0.0).to_bits())
+}
+
 /// `a / |a|`; `None` where `|a|` is zero, subnormal or not finite.
 pub fn normalized(a: Vec3) -> Option<Vec3> {
     let length = norm(a);

@@ -1,10 +1,12 @@
 //! Tests of the mathematics. One binary, because linking libtorch is slow.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod checkpoint;
 mod mesh;
 mod network;
 mod optimiser;
 mod readers;
+mod reconstruction;
 mod sampling;
 mod shapes;
 mod surface;

@@ -5,7 +5,7 @@ use super::collector::Collector;
 
 /// Which byte of a number comes first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum ByteOrder {
+pub(in crate::reconstruction) enum ByteOrder {
     /// The least significant.
     Little,
     /// The most significant.
@@ -14,7 +14,7 @@ pub(super) enum ByteOrder {
 
 /// Type of a number in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Scalar {
+pub(in crate::reconstruction) enum Scalar {
     I8,
     U8,
     I16,
@@ -29,7 +29,7 @@ pub(super) enum Scalar {
 
 impl Scalar {
     /// The type of a kind letter (`f`loat, `i`nteger, `u`nsigned) and a size in bytes.
-    pub(super) fn of(kind: u8, size: usize) -> Option<Self> {
+    pub(in crate::reconstruction) fn of(kind: u8, size: usize) -> Option<Self> {
         Some(match (kind, size) {
             (b'i', 1) => Self::I8,
             (b'u', 1) => Self::U8,
@@ -46,7 +46,7 @@ impl Scalar {
     }
 
     /// Bytes of one number.
-    pub(super) fn size(self) -> usize {
+    pub(in crate::reconstruction) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
@@ -56,12 +56,12 @@ impl Scalar {
     }
 
     /// Whether the numbers are integers.
-    pub(super) fn is_integer(self) -> bool {
+    pub(in crate::reconstruction) fn is_integer(self) -> bool {
         !matches!(self, Self::F32 | Self::F64)
     }
 
     /// The number that `bytes` start with; `None` if there are too few.
-    pub(super) fn read(self, order: ByteOrder, bytes: &[u8]) -> Option<f64> {
+    pub(in crate::reconstruction) fn read(self, order: ByteOrder, bytes: &[u8]) -> Option<f64> {
         macro_rules! number {
             ($type:ty) => {{
                 let bytes = *bytes.first_chunk()?;

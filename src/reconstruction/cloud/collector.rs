@@ -5,7 +5,7 @@ use super::{Error, Label, Limits, PointCloud};
 use crate::reconstruction::Warning;
 
 /// One row of a file: x, y, z, the normal's components, the label. Unused slots are zero.
-pub(super) type Row = [f64; 7];
+pub(in crate::reconstruction) type Row = [f64; 7];
 
 /// Share of the points that may be dropped because they are not finite.
 const MAX_DROPPED: f64 = 0.01;

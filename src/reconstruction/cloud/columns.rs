@@ -20,7 +20,7 @@ pub(super) const MAX_COLUMNS: usize = 4096;
 
 /// The slot of a [`Row`] for each column of a table, if any.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Columns {
+pub(in crate::reconstruction) struct Columns {
     slots: Vec<Option<usize>>,
 }
 
@@ -67,10 +67,18 @@ impl Columns {
         self.slots.get(column).copied().flatten()
     }
 
+    /// Whether there are normals.
+    pub(in crate::reconstruction) fn has_normals(&self) -> bool {
+        self.holds(3)
+    }
+
+    fn holds(&self, slot: usize) -> bool {
+        self.slots.contains(&Some(slot))
+    }
+
     /// A collector of what these columns hold.
     pub(super) fn collector<'a>(&self, limits: &'a Limits) -> Collector<'a> {
-        let holds = |slot| self.slots.contains(&Some(slot));
-        Collector::new(limits, holds(3), holds(6))
+        Collector::new(limits, self.has_normals(), self.holds(6))
     }
 
     /// Reads lines of values as rows until the lines end.

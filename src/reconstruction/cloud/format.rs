@@ -60,7 +60,10 @@ impl Format {
 
     /// The format of a file: by its content; where that leaves it open by the name's ending; and
     /// if that says nothing either, a table if the first line holds numbers.
-    pub(super) fn detect(bytes: &[u8], name: Option<&str>) -> Result<Self, Error> {
+    pub(in crate::reconstruction) fn detect(
+        bytes: &[u8],
+        name: Option<&str>,
+    ) -> Result<Self, Error> {
         if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
             let detail = "the file is UTF-16 text; save it as UTF-8 or ASCII";
             return Err(Error::UnsupportedFormat(detail.to_owned()));

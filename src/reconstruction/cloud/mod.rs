@@ -1,7 +1,8 @@
 //! Point clouds and the formats they are read from.
 //!
 //! A file goes through [`read()`]: unpacked, its format recognised, its rows poured by one of the
-//! readers into a `collector`, which holds the limits. Readers see bytes, not files.
+//! readers into a `collector`, which holds the limits. Readers see bytes, not files. What meshes have
+//! in common with clouds (headers, vertices, numbers) is read by the same code.
 
 mod binary;
 mod collector;
@@ -10,12 +11,12 @@ mod error;
 mod format;
 mod npy;
 mod obj;
-mod off;
+pub(super) mod off;
 mod pcd;
-mod ply;
+pub(super) mod ply;
 mod read;
-mod stl;
-mod text;
+pub(super) mod stl;
+pub(super) mod text;
 mod validate;
 mod write;
 mod xyz;
@@ -27,6 +28,8 @@ use super::vector::{Bounds, Vec3};
 pub use error::Error;
 pub use format::Format;
 pub use read::{Limits, Source, read};
+pub(super) use read::{content, unpack};
+pub(super) use validate::{MAX_COORDINATE, enough_points};
 pub use write::{write_ply, write_xyz};
 
 /// Where a point lies, as the user says.

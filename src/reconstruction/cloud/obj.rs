@@ -1,7 +1,7 @@
 //! Vertices and vertex normals of Wavefront OBJ.
 
 use super::collector::Collector;
-use super::text::{Line, Lines, excerpt, parse};
+use super::text::{Lines, parse};
 use super::{Error, Limits};
 use crate::reconstruction::vector::Vec3;
 
@@ -17,9 +17,10 @@ pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>
                     let limit = limits.max_points;
                     return Err(Error::TooManyPoints { limit });
                 }
-                points.push((triple(line)?, line.number));
+                // What follows (a weight, a colour) is not used.
+                points.push((line.vector(&mut tokens)?, line.number));
             }
-            Some(b"vn") => normals.push(triple(line)?),
+            Some(b"vn") => normals.push(line.vector(&mut tokens)?),
             Some(b"f") => in_step = in_step && tokens.all(same_index),
             _ => {}
         }
@@ -38,20 +39,6 @@ pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>
         collector.push(&[x, y, z, nx, ny, nz, 0.0], line)?;
     }
     Ok(collector)
-}
-
-/// The three numbers after the keyword; what follows them (weight, colour) is not used.
-fn triple(line: Line<'_>) -> Result<Vec3, Error> {
-    let mut tokens = line.tokens().skip(1);
-    let mut triple = [0.0; 3];
-    for value in &mut triple {
-        let Some(token) = tokens.next() else {
-            let found = excerpt(line.bytes);
-            return Err(line.error(format!("expected three numbers in \"{found}\"")));
-        };
-        *value = line.number(token)?;
-    }
-    Ok(triple)
 }
 
 /// Whether a corner of a face (`v`, `v/vt`, `v//vn`, `v/vt/vn`) has equal indices for vertex and

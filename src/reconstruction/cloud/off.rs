@@ -1,9 +1,9 @@
 //! Vertices of Geomview's object file format, with normals in its variant NOFF.
 
 use super::collector::Collector;
-use super::columns::Columns;
 use super::text::{Line, Lines, excerpt};
 use super::{Error, Limits};
+use crate::reconstruction::vector::Vec3;
 
 /// Fewest bytes of a vertex: three digits and what parts them.
 const SHORTEST_VERTEX: usize = 6;
@@ -32,72 +32,99 @@ pub(super) fn keyword(word: &[u8]) -> Option<Keyword> {
     })
 }
 
+/// What stands before the vertices.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::reconstruction) struct Header {
+    pub(in crate::reconstruction) vertices: usize,
+    pub(in crate::reconstruction) faces: usize,
+    /// Whether a normal follows each point.
+    pub(in crate::reconstruction) normals: bool,
+}
+
+impl Header {
+    /// Reads the keyword and the line of counts, the first of `lines`.
+    pub(in crate::reconstruction) fn read<'a>(
+        mut lines: impl Iterator<Item = Line<'a>>,
+    ) -> Result<Self, Error> {
+        let mut line = lines.next().ok_or(Error::Empty)?;
+        // Some writers leave the keyword out; it is then taken as OFF.
+        let keyword = keyword(line.tokens().next().unwrap_or_default());
+        if let Some(keyword) = keyword {
+            if !keyword.three_dimensional {
+                let detail = "expected points in three dimensions (OFF, COFF, NOFF)";
+                return Err(header(line, detail));
+            }
+            line.bytes = line.bytes[keyword.length..].trim_ascii();
+            if line.bytes.starts_with(b"BINARY") {
+                let detail = "binary OFF is not supported; write it as text";
+                return Err(header(line, detail));
+            }
+            if line.tokens().next().is_none() {
+                line = lines
+                    .next()
+                    .ok_or_else(|| header(line, "expected the number of vertices"))?;
+            }
+        }
+        let mut tokens = line.tokens();
+        let mut count = |default: Option<usize>| {
+            let given = tokens.next().map(|token| {
+                let text = std::str::from_utf8(token).ok()?;
+                text.parse().ok()
+            });
+            given
+                .unwrap_or(default)
+                .ok_or_else(|| header(line, "expected the number of vertices, faces and edges"))
+        };
+        Ok(Self {
+            vertices: count(None)?,
+            faces: count(Some(0))?,
+            normals: keyword.is_some_and(|keyword| keyword.normals),
+        })
+    }
+
+    /// The point of a vertex and its normal, zero where there is none. Colours and texture
+    /// coordinates may follow, in any number.
+    pub(in crate::reconstruction) fn vertex(&self, line: Line<'_>) -> Result<(Vec3, Vec3), Error> {
+        let mut tokens = line.tokens();
+        let point = line.vector(&mut tokens)?;
+        let normal = if self.normals {
+            line.vector(&mut tokens)?
+        } else {
+            [0.0; 3]
+        };
+        Ok((point, normal))
+    }
+}
+
 pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>, Error> {
     let mut lines = Lines::new(bytes, 0).content();
-    let mut line = lines.next().ok_or(Error::Empty)?;
-    // Some writers leave the keyword out; it is then taken as OFF.
-    let keyword = keyword(line.tokens().next().unwrap_or_default());
-    if let Some(keyword) = keyword {
-        if !keyword.three_dimensional {
-            return Err(header(
-                line,
-                "expected points in three dimensions (OFF, COFF, NOFF)",
-            ));
-        }
-        line.bytes = line.bytes[keyword.length..].trim_ascii();
-        if line.bytes.starts_with(b"BINARY") {
-            return Err(header(
-                line,
-                "binary OFF is not supported; write it as text",
-            ));
-        }
-        if line.tokens().next().is_none() {
-            line = lines
-                .next()
-                .ok_or_else(|| header(line, "expected the number of vertices"))?;
-        }
-    }
-    let declared = declared(line)?;
-    let normals = keyword.is_some_and(|keyword| keyword.normals);
-    let slots: &[usize] = if normals {
-        &[0, 1, 2, 3, 4, 5]
-    } else {
-        &[0, 1, 2]
-    };
-    let mut collector = Columns::leading(slots, slots.len()).collector(limits);
-    collector.reserve(declared.min(bytes.len() / SHORTEST_VERTEX + 1))?;
+    let header = Header::read(&mut lines)?;
+    let mut collector = Collector::new(limits, header.normals, false);
+    collector.reserve(header.vertices.min(bytes.len() / SHORTEST_VERTEX + 1))?;
     let mut found = 0;
-    for line in lines.take(declared) {
-        // Colours and texture coordinates may follow, in any number.
-        let mut row = [0.0; 7];
-        let mut tokens = line.tokens();
-        for &slot in slots {
-            let Some(token) = tokens.next() else {
-                let (count, text) = (slots.len(), excerpt(line.bytes));
-                return Err(line.error(format!("expected {count} numbers in \"{text}\"")));
-            };
-            row[slot] = line.number(token)?;
-        }
-        collector.push(&row, line.number)?;
+    for line in lines.take(header.vertices) {
+        let ([x, y, z], [nx, ny, nz]) = header.vertex(line)?;
+        collector.push(&[x, y, z, nx, ny, nz, 0.0], line.number)?;
         found += 1;
     }
+    complete("the list of vertices", header.vertices, found)?;
+    Ok(collector)
+}
+
+/// Checks that all of the declared rows were there.
+pub(in crate::reconstruction) fn complete(
+    what: &str,
+    declared: usize,
+    found: usize,
+) -> Result<(), Error> {
     if found < declared {
         return Err(Error::Truncated {
-            what: "the list of vertices".to_owned(),
+            what: what.to_owned(),
             declared: declared as u64,
             found: found as u64,
         });
     }
-    Ok(collector)
-}
-
-/// The number of vertices, first in the line of counts.
-fn declared(line: Line<'_>) -> Result<usize, Error> {
-    let token = line.tokens().next().unwrap_or_default();
-    let count = std::str::from_utf8(token)
-        .ok()
-        .and_then(|text| text.parse().ok());
-    count.ok_or_else(|| header(line, "expected the number of vertices, faces and edges"))
+    Ok(())
 }
 
 fn header(line: Line<'_>, detail: &str) -> Error {

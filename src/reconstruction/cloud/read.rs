@@ -1,5 +1,6 @@
 //! From the bytes of a file to a cloud: unpacking, choice of the format, limits.
 
+use std::borrow::Cow;
 use std::io::Read;
 
 use flate2::read::MultiGzDecoder;
@@ -66,17 +67,9 @@ pub fn read(
     name: Option<&str>,
     limits: &Limits,
 ) -> Result<(PointCloud, Source), Error> {
-    let gzipped = bytes.starts_with(&[0x1f, 0x8b]);
-    let expanded;
-    let mut bytes = bytes;
-    if gzipped {
-        expanded = expand(bytes, limits)?;
-        bytes = &expanded;
-    }
-    bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    if bytes.trim_ascii().is_empty() {
-        return Err(Error::Empty);
-    }
+    let unpacked = unpack(bytes, limits)?;
+    let gzipped = matches!(unpacked, Cow::Owned(_));
+    let bytes = content(&unpacked)?;
     let format = Format::detect(bytes, name)?;
     let collector = match format {
         Format::Ply => ply::read(bytes, limits),
@@ -95,6 +88,27 @@ pub fn read(
         warnings,
     };
     Ok((cloud, source))
+}
+
+/// The bytes, expanded if they are gzipped.
+pub(in crate::reconstruction) fn unpack<'a>(
+    bytes: &'a [u8],
+    limits: &Limits,
+) -> Result<Cow<'a, [u8]>, Error> {
+    if bytes.starts_with(&[0x1f, 0x8b]) {
+        expand(bytes, limits).map(Cow::Owned)
+    } else {
+        Ok(Cow::Borrowed(bytes))
+    }
+}
+
+/// The unpacked bytes without a byte order mark.
+pub(in crate::reconstruction) fn content(unpacked: &[u8]) -> Result<&[u8], Error> {
+    let bytes = unpacked.strip_prefix(b"\xef\xbb\xbf").unwrap_or(unpacked);
+    if bytes.trim_ascii().is_empty() {
+        return Err(Error::Empty);
+    }
+    Ok(bytes)
 }
 
 fn expand(packed: &[u8], limits: &Limits) -> Result<Vec<u8>, Error> {

@@ -9,7 +9,7 @@ use super::binary::{ByteOrder, Scalar, enough};
 use super::collector::Collector;
 use super::text::Lines;
 use super::{Error, Limits};
-use crate::reconstruction::vector::Vec3;
+use crate::reconstruction::vector::{Vec3, bits};
 
 /// A free text of 80 bytes, then the number of facets.
 const HEADER: usize = 84;
@@ -24,67 +24,67 @@ pub(super) fn has_binary_length(bytes: &[u8]) -> bool {
 }
 
 pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>, Error> {
-    let is_text = bytes.trim_ascii_start().starts_with(b"solid")
-        && !bytes[..bytes.len().min(512)].contains(&0);
-    let vertices = Vertices {
-        collector: Collector::new(limits, false, false),
-        seen: HashSet::new(),
-    };
-    if is_text && !has_binary_length(bytes) {
-        ascii(bytes, vertices)
-    } else {
-        binary(bytes, vertices)
-    }
-}
-
-/// The vertices so far, without repetition.
-struct Vertices<'l> {
-    collector: Collector<'l>,
-    seen: HashSet<[u64; 3]>,
-}
-
-impl Vertices<'_> {
-    fn push(&mut self, [x, y, z]: Vec3, line: usize) -> Result<(), Error> {
-        // Adding zero makes -0 and 0 the same.
-        if self.seen.insert([x, y, z].map(|v| (v + 0.0).to_bits())) {
-            self.collector.push(&[x, y, z, 0.0, 0.0, 0.0, 0.0], line)?;
+    let mut collector = Collector::new(limits, false, false);
+    let mut seen = HashSet::new();
+    corners(bytes, |corner, line| {
+        if seen.insert(bits(corner)) {
+            let [x, y, z] = corner;
+            collector.push(&[x, y, z, 0.0, 0.0, 0.0, 0.0], line)?;
         }
         Ok(())
+    })?;
+    Ok(collector)
+}
+
+/// Gives `take` the corners of all facets, three for each, with the line or the number of the facet.
+pub(in crate::reconstruction) fn corners(
+    bytes: &[u8],
+    take: impl FnMut(Vec3, usize) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let is_text = bytes.trim_ascii_start().starts_with(b"solid")
+        && !bytes[..bytes.len().min(512)].contains(&0);
+    // Some binary files begin with "solid" as well.
+    if is_text && !has_binary_length(bytes) {
+        ascii(bytes, take)
+    } else {
+        binary(bytes, take)
     }
 }
 
-fn ascii<'l>(bytes: &[u8], mut vertices: Vertices<'l>) -> Result<Collector<'l>, Error> {
+fn ascii(
+    bytes: &[u8],
+    mut take: impl FnMut(Vec3, usize) -> Result<(), Error>,
+) -> Result<(), Error> {
     let (mut corners, mut ended) = (0u64, false);
     for line in Lines::new(bytes, 0) {
         let mut tokens = line.tokens();
         match tokens.next() {
             Some(b"vertex") => {
-                let mut vertex = [0.0; 3];
-                for value in &mut vertex {
-                    let token = tokens
-                        .next()
-                        .ok_or_else(|| line.error("expected three numbers"))?;
-                    *value = line.number(token)?;
-                }
-                vertices.push(vertex, line.number)?;
+                take(line.vector(&mut tokens)?, line.number)?;
                 corners += 1;
+            }
+            Some(b"endloop") if !corners.is_multiple_of(3) => {
+                return Err(line.error("the facet has not three vertices"));
             }
             Some(b"solid") => ended = false,
             Some(b"endsolid") => ended = true,
             _ => {}
         }
     }
-    if corners % 3 != 0 || !ended {
+    if !corners.is_multiple_of(3) || !ended {
         return Err(Error::Truncated {
             what: "the list of facets up to \"endsolid\"".to_owned(),
             declared: corners / 3 + 1,
             found: corners / 3,
         });
     }
-    Ok(vertices.collector)
+    Ok(())
 }
 
-fn binary<'l>(bytes: &[u8], mut vertices: Vertices<'l>) -> Result<Collector<'l>, Error> {
+fn binary(
+    bytes: &[u8],
+    mut take: impl FnMut(Vec3, usize) -> Result<(), Error>,
+) -> Result<(), Error> {
     let facets = declared(bytes).ok_or_else(|| Error::Truncated {
         what: "the binary header, in bytes".to_owned(),
         declared: HEADER as u64,
@@ -96,11 +96,11 @@ fn binary<'l>(bytes: &[u8], mut vertices: Vertices<'l>) -> Result<Collector<'l>,
     for (i, facet) in body.chunks_exact(FACET).take(facets).enumerate() {
         for corner in facet[12..48].chunks_exact(12) {
             let number = |k: usize| Scalar::F32.read(ByteOrder::Little, &corner[4 * k..]);
-            let vertex = [0, 1, 2].map(|k| number(k).expect("a corner has 12 bytes"));
-            vertices.push(vertex, i + 1)?;
+            let corner = [0, 1, 2].map(|k| number(k).expect("a corner has 12 bytes"));
+            take(corner, i + 1)?;
         }
     }
-    Ok(vertices.collector)
+    Ok(())
 }
 
 fn declared(bytes: &[u8]) -> Option<u64> {

@@ -1,14 +1,15 @@
 //! Lines, tokens and numbers of text files, read in place: nothing is allocated for a line.
 
 use super::Error;
+use crate::reconstruction::vector::Vec3;
 
 /// A line of a file without its end and without blanks around it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Line<'a> {
+pub(in crate::reconstruction) struct Line<'a> {
     /// Number in the file, from 1.
-    pub(super) number: usize,
+    pub(in crate::reconstruction) number: usize,
     /// Its bytes, of any encoding.
-    pub(super) bytes: &'a [u8],
+    pub(in crate::reconstruction) bytes: &'a [u8],
 }
 
 impl<'a> Line<'a> {
@@ -16,18 +17,31 @@ impl<'a> Line<'a> {
     ///
     /// Two commas in a row enclose an empty token, so that a missing value shifts no other; a
     /// separator at the end of the line is ignored.
-    pub(super) fn tokens(self) -> Tokens<'a> {
+    pub(in crate::reconstruction) fn tokens(self) -> Tokens<'a> {
         Tokens { rest: self.bytes }
     }
 
     /// The token as a number: decimal or scientific, `nan` and `inf` included.
-    pub(super) fn number(self, token: &[u8]) -> Result<f64, Error> {
+    pub(in crate::reconstruction) fn number(self, token: &[u8]) -> Result<f64, Error> {
         parse(token)
             .ok_or_else(|| self.error(format!("expected a number, found \"{}\"", excerpt(token))))
     }
 
+    /// The next three of its tokens as numbers.
+    pub(in crate::reconstruction) fn vector(self, tokens: &mut Tokens<'_>) -> Result<Vec3, Error> {
+        let mut vector = [0.0; 3];
+        for value in &mut vector {
+            let Some(token) = tokens.next() else {
+                let found = excerpt(self.bytes);
+                return Err(self.error(format!("expected three numbers in \"{found}\"")));
+            };
+            *value = self.number(token)?;
+        }
+        Ok(vector)
+    }
+
     /// An error in this line.
-    pub(super) fn error(self, detail: impl Into<String>) -> Error {
+    pub(in crate::reconstruction) fn error(self, detail: impl Into<String>) -> Error {
         Error::Row {
             line: self.number,
             detail: detail.into(),
@@ -35,7 +49,7 @@ impl<'a> Line<'a> {
     }
 
     /// The text of a comment line (`#` or `//`); `None` for other lines.
-    pub(super) fn comment(self) -> Option<&'a [u8]> {
+    pub(in crate::reconstruction) fn comment(self) -> Option<&'a [u8]> {
         self.bytes
             .strip_prefix(b"#")
             .or_else(|| self.bytes.strip_prefix(b"//"))
@@ -44,14 +58,14 @@ impl<'a> Line<'a> {
 
 /// The lines of a text, whichever way they end (`\n`, `\r\n`, `\r`).
 #[derive(Debug, Clone)]
-pub(super) struct Lines<'a> {
+pub(in crate::reconstruction) struct Lines<'a> {
     rest: &'a [u8],
     number: usize,
 }
 
 impl<'a> Lines<'a> {
     /// The lines of `text`; `before` lines stood above it.
-    pub(super) fn new(text: &'a [u8], before: usize) -> Self {
+    pub(in crate::reconstruction) fn new(text: &'a [u8], before: usize) -> Self {
         Self {
             rest: text,
             number: before,
@@ -59,7 +73,7 @@ impl<'a> Lines<'a> {
     }
 
     /// Only lines that hold something besides a comment.
-    pub(super) fn content(self) -> impl Iterator<Item = Line<'a>> + Clone {
+    pub(in crate::reconstruction) fn content(self) -> impl Iterator<Item = Line<'a>> + Clone {
         self.filter(|line| !line.bytes.is_empty() && line.comment().is_none())
     }
 }
@@ -90,7 +104,7 @@ impl<'a> Iterator for Lines<'a> {
 
 /// The tokens of a line.
 #[derive(Debug, Clone)]
-pub(super) struct Tokens<'a> {
+pub(in crate::reconstruction) struct Tokens<'a> {
     rest: &'a [u8],
 }
 
@@ -119,12 +133,12 @@ fn is_separator(byte: u8) -> bool {
 }
 
 /// The number that a token spells.
-pub(super) fn parse(token: &[u8]) -> Option<f64> {
+pub(in crate::reconstruction) fn parse(token: &[u8]) -> Option<f64> {
     std::str::from_utf8(token).ok()?.parse().ok()
 }
 
 /// The start of something that a user wrote, fit for a message: short and printable.
-pub(super) fn excerpt(bytes: &[u8]) -> String {
+pub(in crate::reconstruction) fn excerpt(bytes: &[u8]) -> String {
     const LONGEST: usize = 40;
     let printable = |&b: &u8| match b {
         b' '..=b'~' => char::from(b),

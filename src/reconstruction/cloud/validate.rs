@@ -4,14 +4,14 @@ use rayon::slice::ParallelSliceMut;
 
 use super::{Error, Label, PointCloud};
 use crate::reconstruction::symmetric;
-use crate::reconstruction::vector::{Bounds, Vec3, scale, sub};
+use crate::reconstruction::vector::{Bounds, Vec3, bits, scale, sub};
 
 /// Fewest distinct surface points. Below that every estimate from neighbours fails.
 const MIN_POINTS: usize = 16;
 
 /// Largest magnitude of a coordinate: there f64 still tells eighths apart, and cubes of distances
 /// are far from overflow.
-const MAX_COORDINATE: f64 = 1e15;
+pub(in crate::reconstruction) const MAX_COORDINATE: f64 = 1e15;
 
 /// Smallest extent: the volume of its cube is still a normal number.
 const MIN_EXTENT: f64 = 1e-100;
@@ -48,14 +48,9 @@ impl PointCloud {
             .indices(Label::Surface)
             .map(|i| self.points[i])
             .collect();
-        let enough = |found| {
-            let needed = MIN_POINTS;
-            let error = Error::TooFewPoints { found, needed };
-            if found < needed { Err(error) } else { Ok(()) }
-        };
-        enough(surface.len())?;
+        enough_points(surface.len())?;
         check_spread(&surface)?;
-        enough(distinct(&surface))
+        enough_points(distinct(&surface))
     }
 
     /// Number of different points.
@@ -78,6 +73,13 @@ impl PointCloud {
         }
         Ok(())
     }
+}
+
+/// Refuses fewer surface points than an estimate from neighbours needs.
+pub(in crate::reconstruction) fn enough_points(found: usize) -> Result<(), Error> {
+    let needed = MIN_POINTS;
+    let error = Error::TooFewPoints { found, needed };
+    if found < needed { Err(error) } else { Ok(()) }
 }
 
 fn check_spread(points: &[Vec3]) -> Result<(), Error> {
@@ -133,11 +135,7 @@ fn spreads(points: &[Vec3], bounds: &Bounds) -> [f64; 3] {
 }
 
 fn distinct(points: &[Vec3]) -> usize {
-    // Adding zero makes -0 and 0 the same.
-    let mut keys: Vec<[u64; 3]> = points
-        .iter()
-        .map(|p| p.map(|v| (v + 0.0).to_bits()))
-        .collect();
+    let mut keys: Vec<[u64; 3]> = points.iter().map(|p| bits(*p)).collect();
     keys.par_sort_unstable();
     keys.dedup();
     keys.len()

@@ -23,9 +23,6 @@ pub use frame::Frame;
 pub use normals::NormalSource;
 pub use prepare::prepare;
 
-/// Fewest surface points: below, no neighbourhood tells a surface.
-pub const MIN_SURFACE_POINTS: usize = 16;
-
 /// Points with targets and weights of the least-squares fit, in the frame of training.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Samples {

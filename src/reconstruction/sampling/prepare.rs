@@ -5,8 +5,8 @@ use super::neighbours::{Neighbourhoods, Tree};
 use super::oriented::OrientedSurface;
 use super::samples::{Grading, Sampler};
 use super::selection::{Split, distinct, even_subset};
-use super::{Counts, MIN_SURFACE_POINTS, Prepared, Samples};
-use crate::reconstruction::cloud::{self, Label, PointCloud};
+use super::{Counts, Prepared, Samples};
+use crate::reconstruction::cloud::{self, Label, PointCloud, enough_points};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::random::{Generator, Purpose, stream};
@@ -247,16 +247,7 @@ fn working_points(
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<usize>, Error> {
     let labelled: Vec<usize> = cloud.indices(Label::Surface).collect();
-    let enough = |found: usize| {
-        if found < MIN_SURFACE_POINTS {
-            return Err(cloud::Error::TooFewPoints {
-                found,
-                needed: MIN_SURFACE_POINTS,
-            });
-        }
-        Ok(())
-    };
-    enough(labelled.len())?;
+    enough_points(labelled.len())?;
     if settings.sampling.off_surface == OffSurface::Labels {
         if labelled.len() == cloud.points.len() {
             return Err(settings::Error::conflict(
@@ -278,7 +269,7 @@ fn working_points(
             ),
         ));
     }
-    enough(different.len())?;
+    enough_points(different.len())?;
     if different.len() <= MAX_WORKING_POINTS {
         return Ok(different);
     }

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use rand::RngExt;
 
 use crate::reconstruction::random::Generator;
-use crate::reconstruction::vector::{Bounds, Vec3};
+use crate::reconstruction::vector::{Bounds, Vec3, bits};
 
 /// Fewest points that stay in training when a small cloud gives some to validation.
 const MIN_TRAINED: usize = 64;
@@ -87,6 +87,6 @@ pub fn distinct(points: &[Vec3], indices: &[usize]) -> Vec<usize> {
         .iter()
         .copied()
         // Adding zero makes -0 and 0 the same key.
-        .filter(|&i| seen.insert(points[i].map(|x| (x + 0.0).to_bits())))
+        .filter(|&i| seen.insert(bits(points[i])))
         .collect()
 }

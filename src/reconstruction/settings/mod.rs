@@ -5,13 +5,18 @@
 //! preset; [`Settings::resolve`] lays it over the preset and reports every violation at once, each
 //! with a JSON pointer. There is no second, all-optional copy of the structs to keep in step.
 
+mod assignments;
+mod bounds;
+mod error;
 mod presets;
 mod resolve;
 
 use serde::{Deserialize, Serialize};
 
+pub use assignments::assignments;
+pub use bounds::{BOUNDS, Bound};
+pub use error::{Error, Violation};
 pub use presets::Preset;
-pub use resolve::{BOUNDS, Bound, Error, Violation, assignments};
 
 /// All parameters of a run, complete: what is stored beside a result to make it again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -5,9 +5,9 @@
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
-use crate::reconstruction::mesh::TriangleMesh;
+use crate::reconstruction::mesh::{TriangleMesh, components};
 use crate::reconstruction::settings::Components;
-use crate::reconstruction::vector::{Vec3, cross, norm, sub};
+use crate::reconstruction::vector::Vec3;
 
 /// Input points that a component needs: as many as span a piece of surface. One stray point may lie
 /// next to a spurious sheet.
@@ -31,80 +31,28 @@ pub struct Dropped {
 /// the components with at least three supporting points, or as many as the best has, so that it
 /// returns an empty mesh only if no point supports any.
 pub fn keep_components(
-    mesh: TriangleMesh,
+    mut mesh: TriangleMesh,
     rule: Components,
     support_points: &[Vec3],
     reach: f64,
 ) -> (TriangleMesh, Dropped) {
-    let (labels, count) = components(&mesh);
-    let kept = match rule {
-        Components::All => return (mesh, Dropped::default()),
-        Components::Largest => largest(&areas(&mesh, &labels, count)),
-        Components::Supported => supported(&support(&mesh, &labels, count, support_points, reach)),
+    let (ids, count) = components(&mesh);
+    let areas = mesh.component_areas(&ids, count);
+    let keep = match rule {
+        Components::All => vec![true; count],
+        Components::Largest => largest(&areas),
+        Components::Supported => supported(&support(&mesh, &ids, count, support_points, reach)),
     };
-    if kept.iter().all(|kept| *kept) {
-        return (mesh, Dropped::default());
+    let mut dropped = Dropped::default();
+    for area in (0..count).filter(|&id| !keep[id]).map(|id| areas[id]) {
+        dropped.components += 1;
+        dropped.area += area;
     }
-    let mut dropped = Dropped {
-        components: kept.iter().filter(|kept| !**kept).count(),
-        ..Dropped::default()
-    };
-    let of = |triangle: &[u32; 3]| kept[labels[triangle[0] as usize] as usize];
-    for triangle in mesh.triangles.iter().filter(|triangle| !of(triangle)) {
-        dropped.triangles += 1;
-        dropped.area += area(&mesh.vertices, *triangle);
+    dropped.triangles = ids.iter().filter(|&&id| !keep[id as usize]).count();
+    if dropped.components > 0 {
+        mesh.retain_components(&keep, &ids);
     }
-    let keep: Vec<bool> = labels.iter().map(|label| kept[*label as usize]).collect();
-    (part(&mesh, &keep), dropped)
-}
-
-/// A label for each vertex, numbered by first vertex, and the number of labels.
-fn components(mesh: &TriangleMesh) -> (Vec<u32>, usize) {
-    let mut parents: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
-    for [a, b, c] in &mesh.triangles {
-        unite(&mut parents, *a, *b);
-        unite(&mut parents, *a, *c);
-    }
-    let mut count = 0;
-    let mut labels = vec![0; parents.len()];
-    for vertex in 0..parents.len() as u32 {
-        let root = root(&mut parents, vertex);
-        // The root is the smallest vertex of its component, so it is met first.
-        labels[vertex as usize] = if root == vertex {
-            count += 1;
-            count - 1
-        } else {
-            labels[root as usize]
-        };
-    }
-    (labels, count as usize)
-}
-
-fn unite(parents: &mut [u32], one: u32, other: u32) {
-    let (one, other) = (root(parents, one), root(parents, other));
-    parents[one.max(other) as usize] = one.min(other);
-}
-
-fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
-    while parents[vertex as usize] != vertex {
-        let above = parents[parents[vertex as usize] as usize];
-        parents[vertex as usize] = above;
-        vertex = above;
-    }
-    vertex
-}
-
-fn areas(mesh: &TriangleMesh, labels: &[u32], count: usize) -> Vec<f64> {
-    let mut areas = vec![0.0; count];
-    for triangle in &mesh.triangles {
-        areas[labels[triangle[0] as usize] as usize] += area(&mesh.vertices, *triangle);
-    }
-    areas
-}
-
-fn area(vertices: &[Vec3], triangle: [u32; 3]) -> f64 {
-    let [a, b, c] = triangle.map(|v| vertices[v as usize]);
-    0.5 * norm(cross(sub(b, a), sub(c, a)))
+    (mesh, dropped)
 }
 
 fn largest(areas: &[f64]) -> Vec<bool> {
@@ -118,14 +66,21 @@ fn largest(areas: &[f64]) -> Vec<bool> {
     (0..areas.len()).map(|c| Some(c) == largest).collect()
 }
 
+/// How many of the points lie within reach of each component.
 fn support(
     mesh: &TriangleMesh,
-    labels: &[u32],
+    ids: &[u32],
     count: usize,
     points: &[Vec3],
     reach: f64,
 ) -> Vec<usize> {
     let mut support = vec![0; count];
+    let mut id_of_vertex = vec![None; mesh.vertices.len()];
+    for (triangle, &id) in mesh.triangles.iter().zip(ids) {
+        for &v in triangle {
+            id_of_vertex[v as usize] = Some(id as usize);
+        }
+    }
     let Ok(tree) = ImmutableKdTree::new_from_slice(&mesh.vertices) else {
         return support;
     };
@@ -137,8 +92,10 @@ fn support(
             .query(point)
             .nearest_one::<SquaredEuclidean<f64>>()
             .execute();
-        if nearest.distance <= reach * reach {
-            support[labels[nearest.item as usize] as usize] += 1;
+        if nearest.distance <= reach * reach
+            && let Some(id) = id_of_vertex[nearest.item as usize]
+        {
+            support[id] += 1;
         }
     }
     support
@@ -148,30 +105,6 @@ fn supported(support: &[usize]) -> Vec<bool> {
     let best = support.iter().copied().max().unwrap_or(0);
     let least = LEAST_SUPPORT.min(best).max(1);
     support.iter().map(|support| *support >= least).collect()
-}
-
-/// The part of the mesh on the vertices to `keep`, in the same order.
-fn part(mesh: &TriangleMesh, keep: &[bool]) -> TriangleMesh {
-    let mut numbers = Vec::with_capacity(keep.len());
-    let mut next = 0;
-    for keep in keep {
-        numbers.push(next);
-        next += u32::from(*keep);
-    }
-    let chosen = |values: &[Vec3]| -> Vec<Vec3> {
-        let pairs = values.iter().zip(keep);
-        pairs.filter(|(_, keep)| **keep).map(|(v, _)| *v).collect()
-    };
-    TriangleMesh {
-        vertices: chosen(&mesh.vertices),
-        normals: chosen(&mesh.normals),
-        triangles: mesh
-            .triangles
-            .iter()
-            .filter(|triangle| keep[triangle[0] as usize])
-            .map(|triangle| triangle.map(|v| numbers[v as usize]))
-            .collect(),
-    }
 }
 
 #[cfg(test)]

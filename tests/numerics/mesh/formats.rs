@@ -1,5 +1,9 @@
 //! What is written is what is read.
 
+use std::io::Write;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use meshway::reconstruction::mesh::TriangleMesh;
 use meshway::reconstruction::mesh::read::read;
 use meshway::reconstruction::mesh::write::{Format, write};
@@ -169,6 +173,24 @@ fn stl_as_text_is_read_and_merged() {
     let mesh = read(text.as_bytes(), None).unwrap();
     assert_eq!(mesh.vertices.len(), 4);
     assert_eq!(mesh.triangles, [[0, 1, 2], [1, 3, 2]]);
+}
+
+#[test]
+fn gzipped_meshes_are_read() {
+    let mesh = sphere(1.0, 2);
+    for format in READABLE {
+        let bytes = written(&mesh, format);
+        let mut packed = GzEncoder::new(Vec::new(), Compression::fast());
+        packed.write_all(&bytes).unwrap();
+        let packed = packed.finish().unwrap();
+        assert_eq!(
+            read(&packed, None).unwrap(),
+            read(&bytes, None).unwrap(),
+            "{format:?}"
+        );
+        let cut = read(&packed[..packed.len() - 9], None).unwrap_err();
+        assert_eq!(cut.code(), "unsupported_encoding");
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use meshway::reconstruction::mesh::{
     Distances, PointTree, SurfaceTree, TriangleMesh, sample_surface,
 };
-use meshway::reconstruction::quality::{compare, compare_meshes, describe, normal_agreement};
+use meshway::reconstruction::quality::{Judge, compare_meshes, describe};
 use meshway::reconstruction::random::{Generator, Purpose, stream};
 use meshway::reconstruction::vector::{Vec3, distance, dot, norm, normalized};
 use rand::RngExt;
@@ -200,13 +200,14 @@ fn a_missing_half_shows_in_one_direction_only() {
 #[test]
 fn a_cloud_on_the_surface_is_near_it_both_ways() {
     let mesh = sphere(1.0, 5);
-    let comparison = compare(&mesh, &mesh.vertices, 1).unwrap();
+    let judge = Judge::new(&mesh, 1).unwrap();
+    let comparison = judge.compare(&mesh.vertices).unwrap();
     assert!(comparison.cloud_to_mesh.max < 1e-14);
     // No point of a facet is farther from a corner than half of the longest edge / cos 30°.
     assert!(comparison.mesh_to_cloud.max < 0.05);
     assert!(comparison.mesh_to_cloud.mean > 0.005);
-    assert!(compare(&mesh, &[], 1).is_none());
-    assert!(compare(&TriangleMesh::default(), &mesh.vertices, 1).is_none());
+    assert!(judge.compare(&[]).is_none());
+    assert!(Judge::new(&TriangleMesh::default(), 1).is_none());
 }
 
 #[test]
@@ -229,9 +230,14 @@ fn normals_agree_with_the_mesh_they_belong_to() {
         .collect();
     let inward: Vec<Vec3> = points.iter().map(|p| p.map(|x| -3.0 * x)).collect();
     // A facet with edges of 0.08 is tilted by at most 0.04 from the sphere: cosine 0.9992.
-    assert!(normal_agreement(&mesh, &points, &points).unwrap() > 0.999);
-    assert!(normal_agreement(&mesh, &points, &inward).unwrap() < -0.999);
-    assert!(normal_agreement(&mesh, &points, &vec![[0.0; 3]; 500]).is_none());
+    let judge = Judge::new(&mesh, 1).unwrap();
+    assert!(judge.normal_agreement(&points, &points).unwrap() > 0.999);
+    assert!(judge.normal_agreement(&points, &inward).unwrap() < -0.999);
+    assert!(
+        judge
+            .normal_agreement(&points, &vec![[0.0; 3]; 500])
+            .is_none()
+    );
 }
 
 #[test]

@@ -5,9 +5,13 @@
 //! headers of bounded size and plain content.
 
 use ply_rs::parser::Parser;
-use ply_rs::ply::{self, DefaultElement};
+use ply_rs::ply::{DefaultElement, Encoding};
 
+use super::body::{Binary, Body, Text};
+use super::element::Element;
 use crate::reconstruction::cloud::Error;
+use crate::reconstruction::cloud::binary::ByteOrder;
+use crate::reconstruction::cloud::columns::Columns;
 use crate::reconstruction::cloud::text::excerpt;
 
 const MAX_BYTES: usize = 64 << 10;
@@ -17,18 +21,59 @@ const MAX_PROPERTIES: usize = 64;
 /// Digits of a count; ten are beyond what u32 indices of faces could address.
 const MAX_DIGITS: usize = 10;
 
-/// A header and where the data after it begin.
+/// What a header declares, and where the data after it begin.
 #[derive(Debug)]
-pub(super) struct Header {
-    pub(super) definition: ply::Header,
-    /// Bytes of the header.
-    pub(super) bytes: usize,
-    /// Lines of the header.
-    pub(super) lines: usize,
+pub(in crate::reconstruction) struct Header {
+    /// In the order of their data.
+    pub(in crate::reconstruction) elements: Vec<Element>,
+    encoding: Encoding,
+    bytes: usize,
+    lines: usize,
 }
 
-/// Reads the header at the start of `bytes`.
-pub(super) fn read(bytes: &[u8]) -> Result<Header, Error> {
+impl Header {
+    /// Reads the header at the start of `bytes`.
+    pub(in crate::reconstruction) fn read(bytes: &[u8]) -> Result<Self, Error> {
+        let (cleaned, bytes, lines) = check(bytes)?;
+        let definition = Parser::<DefaultElement>::new()
+            .read_header(&mut cleaned.as_bytes())
+            // Each line has been accepted by itself: what is left is a contradiction between them.
+            .map_err(|_| Error::Header {
+                line: lines,
+                detail: "expected one format and properties after their elements".to_owned(),
+            })?;
+        let elements = definition.elements.values().map(Element::new);
+        Ok(Self {
+            elements: elements.collect::<Result<_, _>>()?,
+            encoding: definition.encoding,
+            bytes,
+            lines,
+        })
+    }
+
+    /// What the columns of the vertices hold.
+    pub(in crate::reconstruction) fn vertex_columns(&self) -> Result<Columns, Error> {
+        let vertex = self.elements.iter().find(|element| element.is_vertex());
+        vertex.and_then(Element::columns).ok_or_else(|| {
+            let detail = "the file has no element \"vertex\" with properties x, y and z";
+            Error::NoCoordinates(detail.to_owned())
+        })
+    }
+
+    /// The data in `file`, which this is the header of.
+    pub(in crate::reconstruction) fn body<'a>(&self, file: &'a [u8]) -> Body<'a> {
+        let rest = &file[self.bytes..];
+        let binary = |order| Body::Binary(Binary { rest, order });
+        match self.encoding {
+            Encoding::Ascii => Body::Text(Text::new(rest, self.lines)),
+            Encoding::BinaryLittleEndian => binary(ByteOrder::Little),
+            Encoding::BinaryBigEndian => binary(ByteOrder::Big),
+        }
+    }
+}
+
+/// What `ply-rs` may see of the header at the start of `bytes`, its bytes and its lines.
+fn check(bytes: &[u8]) -> Result<(String, usize, usize), Error> {
     let mut check = Check::default();
     // Lines end as the first one does; a binary body may begin with any byte, also a line feed.
     let end = match bytes.get(3..5) {
@@ -44,21 +89,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, Error> {
         check.line(&rest[..length])?;
         position += length + 1;
     }
-    let parser = Parser::<DefaultElement>::new();
-    let definition = parser
-        .read_header(&mut check.cleaned.as_bytes())
-        .map_err(|_| {
-            // Each line has been accepted by itself: what is left is a contradiction between them.
-            check.error(
-                "expected one format and properties after their elements",
-                b"",
-            )
-        })?;
-    Ok(Header {
-        definition,
-        bytes: position,
-        lines: check.number,
-    })
+    Ok((check.cleaned, position, check.number))
 }
 
 /// The state of the check after some lines.

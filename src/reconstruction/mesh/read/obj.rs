@@ -1,43 +1,33 @@
 //! Wavefront OBJ: `v`, `vn` and `f`; everything else is passed over.
 
-use super::{Face, excerpt, lines, position, row, vector};
+use super::{Face, position};
 use crate::reconstruction::cloud::Error;
+use crate::reconstruction::cloud::text::{Line, Lines, excerpt};
 use crate::reconstruction::mesh::TriangleMesh;
 
-/// Whether the first line that is no comment is one of OBJ.
-pub(super) fn is_obj(text: &str) -> bool {
-    const KEYWORDS: [&str; 8] = ["v", "vn", "vt", "f", "o", "g", "mtllib", "usemtl"];
-    lines(text)
-        .next()
-        .and_then(|(_, line)| line.split_ascii_whitespace().next())
-        .is_some_and(|word| KEYWORDS.contains(&word))
-}
-
-pub(super) fn read(text: &str) -> Result<TriangleMesh, Error> {
+pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
     let mut mesh = TriangleMesh::default();
     // OBJ gives normals to corners; they belong to vertices only where the two are numbered alike.
     let mut normals_follow_vertices = true;
     let mut faces = 0;
-    for (line, content) in lines(text) {
-        let mut words = content.split_ascii_whitespace();
-        match words.next() {
-            Some("v") => mesh
-                .vertices
-                .push(position(vector(&mut words, line)?, line)?),
-            Some("vn") => mesh.normals.push(vector(&mut words, line)?),
-            Some("f") => {
+    for line in Lines::new(bytes, 0).content() {
+        let mut tokens = line.tokens();
+        match tokens.next() {
+            Some(b"v") => {
+                let point = line.vector(&mut tokens)?;
+                mesh.vertices.push(position(point, line.number)?);
+            }
+            Some(b"vn") => mesh.normals.push(line.vector(&mut tokens)?),
+            Some(b"f") => {
                 faces += 1;
-                let mut face = Face {
-                    number: faces,
-                    line,
-                    corners: Vec::new(),
-                };
-                for word in words {
-                    let mut references = word.split('/');
-                    let vertex = index(references.next(), mesh.vertices.len(), line)?;
+                let mut face = Face::new(faces, line.number);
+                for token in tokens {
+                    let mut references = token.split(|&b| b == b'/');
+                    let vertex = references.next().unwrap_or_default();
+                    let vertex = index(vertex, mesh.vertices.len(), line)?;
                     face.push(vertex, mesh.vertices.len())?;
                     if let Some(normal) = references.nth(1) {
-                        let normal = index(Some(normal), mesh.normals.len(), line)?;
+                        let normal = index(normal, mesh.normals.len(), line)?;
                         normals_follow_vertices &= normal.total_cmp(&vertex).is_eq();
                     }
                 }
@@ -54,11 +44,11 @@ pub(super) fn read(text: &str) -> Result<TriangleMesh, Error> {
 
 /// A reference, which counts from 1, or backwards from the last with a minus sign, as an index
 /// from 0.
-fn index(word: Option<&str>, count: usize, line: usize) -> Result<f64, Error> {
-    let word = word.unwrap_or_default();
-    let reference: i64 = word
-        .parse()
-        .map_err(|_| row(line, format!("'{}' is not an index", excerpt(word))))?;
+fn index(token: &[u8], count: usize, line: Line<'_>) -> Result<f64, Error> {
+    let text = std::str::from_utf8(token).ok();
+    let reference: Option<i64> = text.and_then(|text| text.parse().ok());
+    let found = || line.error(format!("expected an index, found \"{}\"", excerpt(token)));
+    let reference = reference.ok_or_else(found)?;
     Ok(if reference < 0 {
         count as f64 + reference as f64
     } else {

@@ -148,6 +148,27 @@ fn write_text<T: Display>([x, y, z]: [T; 3], out: &mut impl Write) -> io::Result
     write!(out, "{x} {y} {z}")
 }
 
+/// The vertices with their normals, then the triangles, a line each: the body of PLY and OFF.
+fn write_tables(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
+    let (short, normals) = (fits_f32(mesh), has_normals(mesh));
+    for (i, &vertex) in mesh.vertices.iter().enumerate() {
+        if short {
+            write_text(to_f32(vertex), out)?;
+        } else {
+            write_text(vertex, out)?;
+        }
+        if normals {
+            out.write_all(b" ")?;
+            write_text(to_f32(mesh.normals[i]), out)?;
+        }
+        out.write_all(b"\n")?;
+    }
+    for [a, b, c] in &mesh.triangles {
+        writeln!(out, "3 {a} {b} {c}")?;
+    }
+    Ok(())
+}
+
 /// A count as the 32 bits that the format has for it.
 fn count_u32(count: usize) -> io::Result<u32> {
     u32::try_from(count).map_err(|_| {

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use super::{fits_f32, has_normals, to_f32, write_f32, write_text};
+use super::{fits_f32, has_normals, to_f32, write_f32, write_tables};
 use crate::reconstruction::mesh::TriangleMesh;
 
 pub(super) fn write_binary(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
@@ -33,25 +33,8 @@ pub(super) fn write_binary(mesh: &TriangleMesh, out: &mut impl Write) -> io::Res
 }
 
 pub(super) fn write_ascii(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
-    let short = fits_f32(mesh);
-    header(mesh, "ascii", short, out)?;
-    let normals = has_normals(mesh);
-    for (i, &vertex) in mesh.vertices.iter().enumerate() {
-        if short {
-            write_text(to_f32(vertex), out)?;
-        } else {
-            write_text(vertex, out)?;
-        }
-        if normals {
-            out.write_all(b" ")?;
-            write_text(to_f32(mesh.normals[i]), out)?;
-        }
-        out.write_all(b"\n")?;
-    }
-    for [a, b, c] in &mesh.triangles {
-        writeln!(out, "3 {a} {b} {c}")?;
-    }
-    Ok(())
+    header(mesh, "ascii", fits_f32(mesh), out)?;
+    write_tables(mesh, out)
 }
 
 fn header(

@@ -1,0 +1,96 @@
+//! Extraction of a trained hand at growing resolution: it is to grow with the surface.
+
+use std::cell::OnceCell;
+
+use criterion::{BenchmarkId, Criterion};
+use meshway::reconstruction::network::{Architecture, Engine, Libtorch, initial_parameters};
+use meshway::reconstruction::sampling::prepare;
+use meshway::reconstruction::settings::{Preset, Training};
+use meshway::reconstruction::shapes::{Recipe, Shape, sample};
+use meshway::reconstruction::surface::{Field, Request, extract};
+use meshway::reconstruction::training::{Hooks, train};
+use meshway::reconstruction::vector::Bounds;
+use meshway::reconstruction::{Event, Observer, Settings};
+
+/// A network that was trained on a hand, and the box to look for its surface in.
+struct Hand {
+    engine: Libtorch<f32>,
+    parameters: Vec<f32>,
+    bounds: Bounds,
+}
+
+struct Nobody;
+
+impl Observer for Nobody {
+    fn event(&self, _: Event<'_>) {}
+
+    fn seconds(&self) -> f64 {
+        0.0
+    }
+}
+
+impl Hand {
+    fn trained() -> Self {
+        tch::set_num_threads(1);
+        let balanced = Preset::Balanced.settings();
+        let settings = Settings {
+            training: Training {
+                max_evaluations: 400,
+                ..balanced.training
+            },
+            ..balanced
+        };
+        let cloud = sample(&Shape::Hand, &Recipe::default());
+        let prepared = prepare(&cloud, &settings, &|| false).expect("a hand has a surface");
+        let architecture = Architecture::new(&settings.network);
+        let start = initial_parameters(&architecture, settings.training.seed);
+        let engine = Libtorch::new(architecture, &prepared.training, &prepared.validation)
+            .expect("libtorch takes the samples");
+        let hooks = Hooks {
+            observer: &Nobody,
+            snapshot: &mut |_, _| Ok(()),
+        };
+        let trained = train(&engine, start, &settings.training, hooks).expect("the loss is finite");
+        let points = cloud.points.iter().map(|&p| prepared.frame.to_unit(p));
+        let bounds = Bounds::of(&points.collect::<Vec<_>>()).expect("there are points");
+        Self {
+            parameters: trained.parameters,
+            bounds: bounds.padded(settings.surface.padding * bounds.longest_edge()),
+            engine,
+        }
+    }
+
+    fn field(&self) -> Box<dyn Field + '_> {
+        let field = self.engine.field(&self.parameters);
+        field.expect("the parameters are those of the network")
+    }
+}
+
+pub(super) fn extraction(criterion: &mut Criterion) {
+    // Only when a piece is asked for.
+    let hand = OnceCell::new();
+    let mut group = criterion.benchmark_group("extraction");
+    group.sample_size(10);
+    for resolution in [128, 256, 512] {
+        group.bench_function(BenchmarkId::from_parameter(resolution), |bencher| {
+            let hand = hand.get_or_init(Hand::trained);
+            let field = hand.field();
+            let request = Request::new(hand.bounds, resolution);
+            bencher.iter(|| extract(field.as_ref(), &request).expect("the hand has a surface"));
+            tell_peak_memory(resolution);
+        });
+    }
+    group.finish();
+}
+
+#[expect(
+    clippy::print_stdout,
+    reason = "it belongs into the table of the benchmark"
+)]
+fn tell_peak_memory(resolution: usize) {
+    // Linux only; elsewhere there is nothing to tell.
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    if let Some(peak) = status.lines().find(|line| line.starts_with("VmHWM")) {
+        println!("extraction/{resolution}: peak memory of the process so far, {peak}");
+    }
+}

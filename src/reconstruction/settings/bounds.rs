@@ -1,0 +1,48 @@
+//! The intervals that numbers must lie in.
+
+/// The allowed interval of a number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bound {
+    /// JSON pointer of the parameter.
+    pub pointer: &'static str,
+    /// Smallest allowed value.
+    pub min: f64,
+    /// Largest allowed value.
+    pub max: f64,
+}
+
+const fn bound(pointer: &'static str, min: f64, max: f64) -> Bound {
+    Bound { pointer, min, max }
+}
+
+/// Largest integer that JSON numbers carry exactly.
+const MAX_SAFE_INTEGER: f64 = 9_007_199_254_740_991.0;
+
+/// The bounds of every numeric parameter, both ends included.
+pub const BOUNDS: &[Bound] = &[
+    bound("/network/width", 1.0, 512.0),
+    bound("/network/hidden_layers", 1.0, 32.0),
+    bound("/network/residual_every", 1.0, 32.0),
+    bound("/training/seed", 0.0, MAX_SAFE_INTEGER),
+    bound("/training/learning_rate", 1e-6, 10.0),
+    bound("/training/history", 1.0, 1_000.0),
+    bound("/training/tolerance_gradient", 0.0, 1.0),
+    bound("/training/tolerance_change", 0.0, 1.0),
+    bound("/training/max_iterations", 1.0, 1e6),
+    bound("/training/max_evaluations", 1.0, 1e6),
+    bound("/training/adam_evaluations", 0.0, 1e6),
+    bound("/training/adam_learning_rate", 1e-6, 1.0),
+    bound("/training/patience", 0.0, 1e6),
+    bound("/training/time_limit_seconds", 0.0, 86_400.0),
+    bound("/sampling/half_extent", 0.01, 100.0),
+    bound("/sampling/band", 1e-4, 10.0),
+    bound("/sampling/surface_points", 16.0, 1e6),
+    bound("/sampling/labelled_points", 0.0, 1e6),
+    bound("/sampling/validation_fraction", 0.0, 0.5),
+    bound("/sampling/near_pairs", 0.0, 4.0),
+    bound("/sampling/far_points", 0.0, 1e6),
+    bound("/sampling/neighbours", 3.0, 100.0),
+    bound("/surface/resolution", 8.0, 1_024.0),
+    bound("/surface/padding", 0.0, 1.0),
+    bound("/surface/projection_steps", 0.0, 10.0),
+];
