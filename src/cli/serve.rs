@@ -30,7 +30,7 @@ const ANSWERS_KEPT_MS: i64 = 24 * 3_600 * 1_000;
 /// Arguments of `meshway serve`.
 #[derive(Debug, Args)]
 #[command(args_override_self = true)]
-pub struct Arguments {
+pub(super) struct Arguments {
     #[command(flatten)]
     config: Config,
     /// TOML file with settings, by the names of the flags with underscores.

@@ -22,7 +22,7 @@ const NICENESS: i32 = 5;
 
 /// Arguments of `meshway worker`.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// The folder of the service.
     #[arg(long)]
     data_dir: PathBuf,
