@@ -1,7 +1,6 @@
 //! `meshway serve`: the API and the worker processes, until a signal ends them.
 
 use std::ffi::OsString;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -23,7 +22,7 @@ const DRAIN: Duration = Duration::from_secs(20);
 /// How long the whole end may take, whatever hangs.
 const LONGEST_END: Duration = Duration::from_secs(28);
 /// Kept answers are looked through for old ones so often.
-const PRUNE_INTERVAL: Duration = Duration::from_secs(3_600);
+const PRUNE_INTERVAL: Duration = Duration::from_hours(1);
 /// Answers to requests with an `Idempotency-Key` are kept so long.
 const ANSWERS_KEPT_MS: i64 = 24 * 3_600 * 1_000;
 
@@ -109,7 +108,9 @@ async fn serve(
         metrics_limit: config.max_metrics.into(),
         ..store::Options::default()
     };
-    let store = Store::open(&config.data_dir, options).await.map_err(failed)?;
+    let store = Store::open(&config.data_dir, options)
+        .await
+        .map_err(failed)?;
     folder.sweep(&store).await?;
     store.idempotency_abandon_all().await.map_err(failed)?;
 
@@ -128,7 +129,13 @@ async fn serve(
     };
     let supervisor = Supervisor::new(store.clone(), options, shutdown.clone());
     let workers = supervisor.workers();
-    let app = App::new(store.clone(), config.clone(), workers, shutdown.clone(), program);
+    let app = App::new(
+        store.clone(),
+        config.clone(),
+        workers,
+        shutdown.clone(),
+        program,
+    );
     end_on_signals(&shutdown)?;
     tracing::info!("listening on http://{address}");
 
@@ -162,7 +169,10 @@ fn worker_arguments(arguments: &Arguments, cores: usize) -> Vec<OsString> {
         "--data-dir".into(),
         config.data_dir.clone().into_os_string(),
         number("threads", config.worker_threads(cores) as u64),
-        number("job-time-limit-seconds", config.job_time_limit_seconds.into()),
+        number(
+            "job-time-limit-seconds",
+            config.job_time_limit_seconds.into(),
+        ),
         number("checkpoint-seconds", config.checkpoint_seconds.into()),
         number("max-events", config.max_events.into()),
         number("max-metrics", config.max_metrics.into()),
@@ -170,7 +180,12 @@ fn worker_arguments(arguments: &Arguments, cores: usize) -> Vec<OsString> {
         format!("--log-format={format}").into(),
         format!("--log={}", config.log).into(),
     ];
-    line.extend(arguments.script.iter().map(|script| format!("--script={script}").into()));
+    line.extend(
+        arguments
+            .script
+            .iter()
+            .map(|script| format!("--script={script}").into()),
+    );
     line
 }
 
@@ -187,8 +202,8 @@ async fn prune(store: &Store) {
 
 fn end_on_signals(shutdown: &CancellationToken) -> Result<(), Failure> {
     for kind in [SignalKind::terminate(), SignalKind::interrupt()] {
-        let mut signals = signal(kind)
-            .map_err(|error| Failure::Output(format!("no signals: {error}")))?;
+        let mut signals =
+            signal(kind).map_err(|error| Failure::Output(format!("no signals: {error}")))?;
         let shutdown = shutdown.clone();
         tokio::spawn(async move {
             signals.recv().await;

@@ -24,11 +24,17 @@ async fn the_job_of_a_killed_worker_runs_again() {
     })
     .await;
     let job = folder.end(&id).await;
-    assert_eq!((job.status, job.attempt, job.failures), (Status::Succeeded, 2, 1));
+    assert_eq!(
+        (job.status, job.attempt, job.failures),
+        (Status::Succeeded, 2, 1)
+    );
     assert!(
         matches!(
             job.failure_reason,
-            Some(FailureReason::WorkerCrashed { signal: Some(9), .. })
+            Some(FailureReason::WorkerCrashed {
+                signal: Some(9),
+                ..
+            })
         ),
         "{:?}",
         job.failure_reason
@@ -43,7 +49,12 @@ async fn three_crashes_are_enough() {
         let server = folder.serve(&[&format!("--script={script}")]).await;
         let id = folder.submit(json!({})).await;
         let job = folder.end(&id).await;
-        assert_eq!((job.status, job.attempt), (Status::Failed, 3), "{}", server.log());
+        assert_eq!(
+            (job.status, job.attempt),
+            (Status::Failed, 3),
+            "{}",
+            server.log()
+        );
         assert_eq!(job.error.unwrap().code, "worker_crashed");
         let reason = FailureReason::WorkerCrashed { signal, exit_code };
         assert_eq!(job.failure_reason, Some(reason));
@@ -55,22 +66,34 @@ async fn three_crashes_are_enough() {
 async fn too_much_memory_is_named() {
     let folder = Folder::new().await;
     // Half of what the script takes, and more than a worker needs.
-    let _server = folder.serve(&["--script=oom", "--worker-memory-mib=1024"]).await;
+    let _server = folder
+        .serve(&["--script=oom", "--worker-memory-mib=1024"])
+        .await;
     let id = folder.submit(json!({})).await;
     let job = folder.end(&id).await;
     assert_eq!(job.status, Status::Failed);
-    assert_eq!(job.error.unwrap().code, "out_of_memory", "{:?}", job.failure_reason);
+    assert_eq!(
+        job.error.unwrap().code,
+        "out_of_memory",
+        "{:?}",
+        job.failure_reason
+    );
 }
 
 #[tokio::test]
 async fn a_computation_that_does_not_stop_is_ended_with_its_process() {
     let folder = Folder::new().await;
-    let _server = folder.serve(&["--script=hang", "--grace-milliseconds=300"]).await;
+    let _server = folder
+        .serve(&["--script=hang", "--grace-milliseconds=300"])
+        .await;
     let id = folder.submit(json!({})).await;
     let worker = folder.running(&id).await;
     folder.store.request_cancel(&id).await.unwrap();
     assert_eq!(folder.end(&id).await.status, Status::Cancelled);
-    until("the process ends", PATIENCE, async || test_kill_process(worker).err()).await;
+    until("the process ends", PATIENCE, async || {
+        test_kill_process(worker).err()
+    })
+    .await;
     // Another process takes its place.
     let next = folder.submit(json!({})).await;
     assert_ne!(folder.running(&next).await, worker);
@@ -86,7 +109,10 @@ async fn a_killed_server_loses_no_job_and_finishes_none_twice() {
     let worker = folder.running(&first).await;
     drop(server);
     // Its workers hear of it by the end of their input, and give their jobs back.
-    until("the worker ends", PATIENCE, async || test_kill_process(worker).err()).await;
+    until("the worker ends", PATIENCE, async || {
+        test_kill_process(worker).err()
+    })
+    .await;
     let job = folder.job(&first).await;
     assert_eq!((job.status, job.failures), (Status::Queued, 0));
 
@@ -124,11 +150,17 @@ async fn a_server_that_is_asked_to_end_gives_its_jobs_back() {
     // Half a minute is promised; nothing here needs any of it.
     assert!(took < Duration::from_secs(15), "{took:?}");
     let job = folder.job(&id).await;
-    assert_eq!((job.status, job.attempt, job.failures), (Status::Queued, 1, 0));
+    assert_eq!(
+        (job.status, job.attempt, job.failures),
+        (Status::Queued, 1, 0)
+    );
 
     let _server = folder.serve(&["--script=instant"]).await;
     let job = folder.end(&id).await;
-    assert_eq!((job.status, job.attempt, job.failures), (Status::Succeeded, 2, 0));
+    assert_eq!(
+        (job.status, job.attempt, job.failures),
+        (Status::Succeeded, 2, 0)
+    );
     folder.events(&id).await;
 }
 
@@ -140,7 +172,10 @@ async fn a_stopped_worker_is_killed_and_its_job_runs_again() {
     let worker = folder.running(&id).await;
     kill_process(worker, Signal::STOP).unwrap();
     let job = folder.end(&id).await;
-    assert_eq!((job.status, job.attempt, job.failures), (Status::Succeeded, 2, 1));
+    assert_eq!(
+        (job.status, job.attempt, job.failures),
+        (Status::Succeeded, 2, 1)
+    );
     test_kill_process(worker).unwrap_err();
     folder.events(&id).await;
 }
@@ -150,9 +185,22 @@ async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
     let folder = Folder::new().await;
     // Without a server, so that nobody kills it.
     let mut worker = Command::new(PROGRAM)
-        .args(["worker", "--slot=0", "--threads=1", "--job-time-limit-seconds=60"])
-        .args(["--checkpoint-seconds=10", "--max-events=1000", "--max-metrics=1000"])
-        .args(["--grace-milliseconds=10000", "--script=sleep:3", "--log-format=text"])
+        .args([
+            "worker",
+            "--slot=0",
+            "--threads=1",
+            "--job-time-limit-seconds=60",
+        ])
+        .args([
+            "--checkpoint-seconds=10",
+            "--max-events=1000",
+            "--max-metrics=1000",
+        ])
+        .args([
+            "--grace-milliseconds=10000",
+            "--script=sleep:3",
+            "--log-format=text",
+        ])
         .args(["--log=off", "--data-dir"])
         .arg(folder.path())
         .stdin(Stdio::piped())
@@ -183,6 +231,9 @@ async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
 
     // The end of its input ends it.
     drop(worker.stdin.take());
-    let status = until("the worker ends", PATIENCE, async || worker.try_wait().unwrap()).await;
+    let status = until("the worker ends", PATIENCE, async || {
+        worker.try_wait().unwrap()
+    })
+    .await;
     assert!(status.success());
 }

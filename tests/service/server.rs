@@ -68,8 +68,15 @@ impl Folder {
             .unwrap();
         let mut server = Server { child, log };
         until("the server listens", PATIENCE, async || {
-            assert!(server.child.try_wait().unwrap().is_none(), "{}", server.log());
-            server.log().contains("listening on http://127.0.0.1:").then_some(())
+            assert!(
+                server.child.try_wait().unwrap().is_none(),
+                "{}",
+                server.log()
+            );
+            server
+                .log()
+                .contains("listening on http://127.0.0.1:")
+                .then_some(())
         })
         .await;
         server
@@ -111,7 +118,8 @@ impl Folder {
 
     /// Waits until the job has ended.
     pub(crate) async fn end(&self, id: &JobId) -> Job {
-        self.wait(id, "the job ends", |job| job.status.is_final()).await
+        self.wait(id, "the job ends", |job| job.status.is_final())
+            .await
     }
 
     /// Waits until a worker works on the job; gives the worker's process.
@@ -175,7 +183,10 @@ impl Server {
         let start = Instant::now();
         let pid = Pid::from_raw(self.child.id() as i32).unwrap();
         kill_process(pid, Signal::TERM).unwrap();
-        let status = until("the server ends", PATIENCE, async || self.child.try_wait().unwrap()).await;
+        let status = until("the server ends", PATIENCE, async || {
+            self.child.try_wait().unwrap()
+        })
+        .await;
         (status, start.elapsed())
     }
 }

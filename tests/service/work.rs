@@ -19,7 +19,9 @@ async fn a_job_becomes_a_mesh_a_report_and_a_model() {
     let folder = Folder::new().await;
     let _server = folder.serve(&[]).await;
     let id = folder
-        .submit(json!({"training": {"snapshot_evaluations": [30], "histogram_evaluations": [1, 5]}}))
+        .submit(
+            json!({"training": {"snapshot_evaluations": [30], "histogram_evaluations": [1, 5]}}),
+        )
         .await;
     let job = folder.end(&id).await;
     assert_eq!(job.status, Status::Succeeded, "{:?}", job.error);
@@ -70,7 +72,10 @@ async fn a_defect_is_tried_three_times_and_told_without_its_insides() {
     let _server = folder.serve(&["--script=panic"]).await;
     let id = folder.submit(json!({})).await;
     let job = folder.end(&id).await;
-    assert_eq!((job.status, job.attempt, job.failures), (Status::Failed, 3, 3));
+    assert_eq!(
+        (job.status, job.attempt, job.failures),
+        (Status::Failed, 3, 3)
+    );
     let error = job.error.unwrap();
     assert_eq!(error.code, "internal");
     assert!(!error.detail.contains("panicked"), "{}", error.detail);
@@ -93,7 +98,11 @@ async fn cancelled_work_ends_soon_in_training_and_in_surface() {
         let start = Instant::now();
         folder.store.request_cancel(&id).await.unwrap();
         assert_eq!(folder.end(&id).await.status, Status::Cancelled);
-        assert!(start.elapsed() < CANCELLATION, "{phase:?}: {:?}", start.elapsed());
+        assert!(
+            start.elapsed() < CANCELLATION,
+            "{phase:?}: {:?}",
+            start.elapsed()
+        );
         folder.events(&id).await;
     }
 }
@@ -101,7 +110,9 @@ async fn cancelled_work_ends_soon_in_training_and_in_surface() {
 #[tokio::test]
 async fn a_job_that_takes_too_long_fails() {
     let folder = Folder::new().await;
-    let _server = folder.serve(&["--script=sleep:60", "--job-time-limit-seconds=1"]).await;
+    let _server = folder
+        .serve(&["--script=sleep:60", "--job-time-limit-seconds=1"])
+        .await;
     let id = folder.submit(json!({})).await;
     let job = folder.end(&id).await;
     assert_eq!((job.status, job.attempt), (Status::Failed, 1));
@@ -126,13 +137,22 @@ async fn a_killed_training_goes_on_from_its_checkpoint_and_ends_with_the_same_lo
     let cut = folder.submit(settings).await;
     let worker = folder.running(&cut).await;
     let checkpoint = until("a checkpoint is written", PATIENCE, async || {
-        assert_eq!(folder.job(&cut).await.status, Status::Running, "it was too quick to be cut");
+        assert_eq!(
+            folder.job(&cut).await.status,
+            Status::Running,
+            "it was too quick to be cut"
+        );
         folder.store.checkpoint(&cut).await.unwrap()
     })
     .await;
     kill_process(worker, Signal::KILL).unwrap();
     let cut = folder.end(&cut).await;
-    assert_eq!((cut.status, cut.attempt), (Status::Succeeded, 2), "{:?}", cut.error);
+    assert_eq!(
+        (cut.status, cut.attempt),
+        (Status::Succeeded, 2),
+        "{:?}",
+        cut.error
+    );
     assert!(checkpoint.evaluation > 1 && checkpoint.attempt == 1);
     let training = |job: &meshway::jobs::Job| job.report.clone().unwrap()["training"].clone();
     assert_eq!(training(&cut), training(&whole));
@@ -166,7 +186,10 @@ fn the_configuration_is_printed_and_read_back() {
             .current_dir(&folder)
             .output()
             .unwrap();
-        (output.status.code(), String::from_utf8(output.stdout).unwrap())
+        (
+            output.status.code(),
+            String::from_utf8(output.stdout).unwrap(),
+        )
     };
     let (code, text) = run(&["--queue-limit=7"]);
     assert_eq!(code, Some(0));

@@ -168,7 +168,9 @@ impl Supervisor {
                     tracing::warn!(job = %job.id, attempt = job.attempt, worker, ?reason,
                         "an attempt failed");
                     let reason = reason.clone();
-                    self.store.attempt_failed(&job.id, job.attempt, reason).await
+                    self.store
+                        .attempt_failed(&job.id, job.attempt, reason)
+                        .await
                 }
                 Err(error) => Err(error),
             };
@@ -209,6 +211,7 @@ impl Supervisor {
             starting: u32::from(self.options.workers).saturating_sub(living),
             restarts: self.restarts.load(Ordering::Relaxed),
         };
-        self.seen.send_if_modified(|seen| std::mem::replace(seen, workers) != workers);
+        self.seen
+            .send_if_modified(|seen| std::mem::replace(seen, workers) != workers);
     }
 }

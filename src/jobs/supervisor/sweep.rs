@@ -64,7 +64,11 @@ impl Supervisor {
     /// How many of the jobs a living worker holds.
     fn held(&self, running: &[Job]) -> u32 {
         let living = self.living();
-        let held = |job: &&Job| job.worker.as_ref().is_some_and(|name| living.contains_key(name));
+        let held = |job: &&Job| {
+            job.worker
+                .as_ref()
+                .is_some_and(|name| living.contains_key(name))
+        };
         running.iter().filter(held).count() as u32
     }
 }

@@ -84,7 +84,10 @@ impl<'a> Attempt<'a> {
     ) -> std::result::Result<(mpsc::Receiver<Message>, oneshot::Receiver<Outcome>), Failure> {
         let job = &self.claim.job;
         let store = &self.worker.store;
-        let cloud = store.cloud(&job.cloud_id).await.map_err(Failure::internal)?;
+        let cloud = store
+            .cloud(&job.cloud_id)
+            .await
+            .map_err(Failure::internal)?;
         let cloud = cloud.ok_or_else(|| Failure::internal("the cloud is not there"))?;
         let checkpoint = store.checkpoint(&job.id).await.map_err(Failure::internal)?;
         let options = &self.worker.options;

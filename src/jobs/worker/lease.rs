@@ -36,11 +36,18 @@ pub(super) async fn hold(
             store.renew(&claim, LEASE_MS).await
         } else {
             // A look costs no write; wake-ups come for other jobs too.
-            store.job(claim.job_id()).await.map(|found| lease(found, &claim))
+            store
+                .job(claim.job_id())
+                .await
+                .map(|found| lease(found, &claim))
         };
         match lease {
-            Ok(Lease::Held { cancel_requested: false }) => {}
-            Ok(Lease::Held { cancel_requested: true }) => control.stop(Stop::Cancel),
+            Ok(Lease::Held {
+                cancel_requested: false,
+            }) => {}
+            Ok(Lease::Held {
+                cancel_requested: true,
+            }) => control.stop(Stop::Cancel),
             Ok(Lease::Lost) => {
                 control.stop(Stop::Lost);
                 return;

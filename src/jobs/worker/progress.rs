@@ -145,7 +145,11 @@ mod tests {
     }
 
     fn kinds(record: &Record) -> Vec<&str> {
-        record.events.iter().map(|event| event.event.as_str()).collect()
+        record
+            .events
+            .iter()
+            .map(|event| event.event.as_str())
+            .collect()
     }
 
     #[test]
@@ -155,7 +159,10 @@ mod tests {
         (1..=5).for_each(|evaluation| pending.metrics(metrics(evaluation)));
         pending.progress(0.5);
         let record = pending.take().unwrap();
-        assert_eq!(kinds(&record), ["job.phase", "training.metrics", "job.progress"]);
+        assert_eq!(
+            kinds(&record),
+            ["job.phase", "training.metrics", "job.progress"]
+        );
         assert_eq!(record.metrics.len(), 5);
         assert_eq!(record.evaluations, Some(5));
         // Half of the training's part, 0.05 to 0.85.
@@ -169,7 +176,10 @@ mod tests {
         pending.metrics(metrics(1));
         pending.phase(Phase::Surface);
         let record = pending.take().unwrap();
-        assert_eq!(kinds(&record), ["training.metrics", "job.phase", "job.progress"]);
+        assert_eq!(
+            kinds(&record),
+            ["training.metrics", "job.phase", "job.progress"]
+        );
     }
 
     #[test]

@@ -87,7 +87,10 @@ impl Script {
                 std::thread::sleep(STEP);
             },
             Self::Fail(code) => {
-                return Err(Failure::Final(Problem::new(code.as_str(), "as the script says")));
+                return Err(Failure::Final(Problem::new(
+                    code.as_str(),
+                    "as the script says",
+                )));
             }
             Self::Panic => panic!("as the script says"),
             Self::Oom => {
@@ -97,7 +100,10 @@ impl Script {
                     memory.push(vec![1_u8; GULP_BYTES]);
                     std::thread::sleep(STEP);
                 }
-                return Err(Failure::internal(format!("{} gulps were taken", memory.len())));
+                return Err(Failure::internal(format!(
+                    "{} gulps were taken",
+                    memory.len()
+                )));
             }
         }
         Ok(Product {
@@ -165,7 +171,10 @@ mod tests {
         let mesh = sphere(16, 32);
         let topology = Topology::of(&mesh);
         assert!(topology.closed, "{topology:?}");
-        assert_eq!(mesh.vertices.len() + mesh.triangles.len() - 3 * mesh.triangles.len() / 2, 2);
+        assert_eq!(
+            mesh.vertices.len() + mesh.triangles.len() - 3 * mesh.triangles.len() / 2,
+            2
+        );
         // The polyhedron lies inside the unit sphere; 16 bands lose some 2 % of 4/3 π.
         assert!((4.0..4.19).contains(&mesh.volume()), "{}", mesh.volume());
     }
@@ -173,8 +182,19 @@ mod tests {
     #[test]
     fn scripts_are_named() {
         assert_eq!("sleep:0.5".parse(), Ok(Script::Sleep(0.5)));
-        assert_eq!("fail:no_surface".parse(), Ok(Script::Fail("no_surface".to_owned())));
-        for wrong in ["", "sleep", "sleep:x", "sleep:-1", "sleep:NaN", "crash:2", "dance"] {
+        assert_eq!(
+            "fail:no_surface".parse(),
+            Ok(Script::Fail("no_surface".to_owned()))
+        );
+        for wrong in [
+            "",
+            "sleep",
+            "sleep:x",
+            "sleep:-1",
+            "sleep:NaN",
+            "crash:2",
+            "dance",
+        ] {
             assert_eq!(wrong.parse::<Script>(), Err(InvalidScript), "{wrong}");
         }
     }

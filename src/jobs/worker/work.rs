@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use serde_json::Value;
 
-use crate::jobs::{Cloud, Fault, FailureReason, NewMesh, Problem};
+use crate::jobs::{Cloud, FailureReason, Fault, NewMesh, Problem};
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::mesh::write::{Format, write};
 use crate::reconstruction::{Error, Input, Observer, Settings, cloud, reconstruct};
@@ -49,6 +49,7 @@ pub enum Failure {
 
 impl Failure {
     /// A defect of ours, or of the machine.
+    #[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
     pub(super) fn internal(detail: impl ToString) -> Self {
         Self::Transient(FailureReason::Internal {
             detail: detail.to_string(),
@@ -84,9 +85,8 @@ pub fn reconstruction(
     assignment: &Assignment,
     observer: &dyn Observer,
 ) -> Result<Product, Failure> {
-    let bytes = fs::read(&assignment.file).map_err(|error| {
-        Failure::internal(format!("{}: {error}", assignment.file.display()))
-    })?;
+    let bytes = fs::read(&assignment.file)
+        .map_err(|error| Failure::internal(format!("{}: {error}", assignment.file.display())))?;
     // The upload found the format, perhaps by its name, which is not kept.
     let name = format!("cloud.{}", assignment.cloud.format);
     // The upload held the file against the operator's limits.

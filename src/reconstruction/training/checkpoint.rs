@@ -31,6 +31,9 @@ pub struct Identity([u8; HASH_BYTES]);
 
 impl Identity {
     /// The identity of a run over these samples.
+    ///
+    /// # Panics
+    /// Never: settings always have a form in JSON.
     pub fn new(settings: &Settings, training: &Samples, validation: &Samples) -> Self {
         let mut hash = Sha256::new();
         hash.update(serde_json::to_vec(settings).expect("settings are plain numbers and names"));
@@ -96,12 +99,13 @@ impl<T: Scalar> State<'_, T> {
         if *found != identity.0 {
             return Err(Refusal::Identity);
         }
-        let (hash, state) = rest.split_first_chunk::<HASH_BYTES>().ok_or(Refusal::Damaged)?;
+        let (hash, state) = rest
+            .split_first_chunk::<HASH_BYTES>()
+            .ok_or(Refusal::Damaged)?;
         if Sha256::digest(state).as_slice() != hash {
             return Err(Refusal::Damaged);
         }
-        let state: State<'static, T> =
-            postcard::from_bytes(state).map_err(|_| Refusal::Damaged)?;
+        let state: State<'static, T> = postcard::from_bytes(state).map_err(|_| Refusal::Damaged)?;
         if state.at.parameters.len() != dimension {
             return Err(Refusal::Damaged);
         }
