@@ -1,7 +1,6 @@
 //! `meshway serve`: the API and the worker processes, until a signal ends them.
 
 use std::ffi::OsString;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -23,14 +22,14 @@ const DRAIN: Duration = Duration::from_secs(20);
 /// How long the whole end may take, whatever hangs.
 const LONGEST_END: Duration = Duration::from_secs(28);
 /// Kept answers are looked through for old ones so often.
-const PRUNE_INTERVAL: Duration = Duration::from_secs(3_600);
+const PRUNE_INTERVAL: Duration = Duration::from_hours(1);
 /// Answers to requests with an `Idempotency-Key` are kept so long.
 const ANSWERS_KEPT_MS: i64 = 24 * 3_600 * 1_000;
 
 /// Arguments of `meshway serve`.
 #[derive(Debug, Args)]
 #[command(args_override_self = true)]
-pub struct Arguments {
+pub(super) struct Arguments {
     #[command(flatten)]
     config: Config,
     /// TOML file with settings, by the names of the flags with underscores.

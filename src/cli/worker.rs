@@ -22,7 +22,7 @@ const NICENESS: i32 = 5;
 
 /// Arguments of `meshway worker`.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// The folder of the service.
     #[arg(long)]
     data_dir: PathBuf,
@@ -63,12 +63,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Err(error) = nice(NICENESS) {
         tracing::warn!(error.message = %error, "the worker runs at the server's priority");
     }
-    let work: Arc<Work> = match arguments.script.clone() {
-        Some(script) => Arc::new(move |assignment, observer| script.run(assignment, observer)),
-        None => {
-            set_threads(arguments.threads).map_err(|error| Failure::Usage(error.to_string()))?;
-            Arc::new(reconstruction)
-        }
+    let work: Arc<Work> = if let Some(script) = arguments.script.clone() {
+        Arc::new(move |assignment, observer| script.run(assignment, observer))
+    } else {
+        set_threads(arguments.threads).map_err(|error| Failure::Usage(error.to_string()))?;
+        Arc::new(reconstruction)
     };
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()

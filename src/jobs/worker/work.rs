@@ -49,6 +49,7 @@ pub enum Failure {
 
 impl Failure {
     /// A defect of ours, or of the machine.
+    #[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
     pub(super) fn internal(detail: impl ToString) -> Self {
         Self::Transient(FailureReason::Internal {
             detail: detail.to_string(),

@@ -31,6 +31,9 @@ pub struct Identity([u8; HASH_BYTES]);
 
 impl Identity {
     /// The identity of a run over these samples.
+    ///
+    /// # Panics
+    /// Never: settings always have a form in JSON.
     pub fn new(settings: &Settings, training: &Samples, validation: &Samples) -> Self {
         let mut hash = Sha256::new();
         hash.update(serde_json::to_vec(settings).expect("settings are plain numbers and names"));

@@ -106,10 +106,8 @@ impl<'a, T: Scalar> Monitor<'a, T> {
         }
         let limit = self.settings.time_limit_seconds;
         // The first evaluation is always made: without it there is no loss to report.
-        if limit > 0.0 && self.evaluations > 0 {
-            if self.elapsed_seconds() >= limit {
-                return Err(Interrupt::Stop(Termination::TimeLimit));
-            }
+        if limit > 0.0 && self.evaluations > 0 && self.elapsed_seconds() >= limit {
+            return Err(Interrupt::Stop(Termination::TimeLimit));
         }
         Ok(())
     }

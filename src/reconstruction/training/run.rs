@@ -90,7 +90,7 @@ impl<'a, T: Scalar> Run<'a, T> {
             let dimension = engine.architecture().parameter_count();
             match State::decode(data, monitor.identity(), dimension) {
                 Ok(state) => return Ok(Self::resume(monitor, settings, state)),
-                Err(refusal) => monitor.observer().event(Event::Warning(&warning(&refusal))),
+                Err(refusal) => monitor.observer().event(Event::Warning(&warning(refusal))),
             }
         }
         let at = Iterate::new(parameters, &mut |p, g| monitor.evaluate(p, g))?;
@@ -196,7 +196,7 @@ impl<'a, T: Scalar> Run<'a, T> {
     }
 }
 
-fn warning(refusal: &Refusal) -> Warning {
+fn warning(refusal: Refusal) -> Warning {
     Warning::new(
         "checkpoint_refused",
         format!("training starts anew, because the checkpoint {refusal}"),
