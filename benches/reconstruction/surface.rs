@@ -77,20 +77,22 @@ pub(super) fn extraction(criterion: &mut Criterion) {
             let field = hand.field();
             let request = Request::new(hand.bounds, resolution);
             bencher.iter(|| extract(field.as_ref(), &request).expect("the hand has a surface"));
-            tell_peak_memory(resolution);
         });
     }
     group.finish();
+    if hand.get().is_some() {
+        tell_peak_memory();
+    }
 }
 
 #[expect(
     clippy::print_stdout,
     reason = "it belongs into the table of the benchmark"
 )]
-fn tell_peak_memory(resolution: usize) {
+fn tell_peak_memory() {
     // Linux only; elsewhere there is nothing to tell.
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    if let Some(peak) = status.lines().find(|line| line.starts_with("VmHWM")) {
-        println!("extraction/{resolution}: peak memory of the process so far, {peak}");
+    if let Some(peak) = status.lines().find_map(|line| line.strip_prefix("VmHWM:")) {
+        println!("peak memory after the extractions: {}", peak.trim());
     }
 }
