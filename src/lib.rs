@@ -3,8 +3,9 @@
 //! One way through the rooms; an arrow points at what may be used:
 //!
 //! ```text
-//! reconstruction  <-  cli  <-  main
-//! the mathematics     the operator
+//! reconstruction  <-  jobs  <-  cli  <-  main
+//! the mathematics     a job's   the operator
+//!                     life
 //! ```
 //!
 //! `reconstruction` is a pure library: bytes and settings in, meshes and reports out. It knows
@@ -13,4 +14,7 @@
 //! on a wrong way.
 
 pub mod cli;
+pub mod config;
+pub mod http;
+pub mod jobs;
 pub mod reconstruction;

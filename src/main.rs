@@ -2,8 +2,6 @@
 
 use std::process::ExitCode;
 
-use clap::Parser;
-
 fn main() -> ExitCode {
-    meshway::cli::run(meshway::cli::Cli::parse())
+    meshway::cli::main()
 }

@@ -1,14 +1,21 @@
 //! The command line: one module a subcommand, exit codes, and nothing that computes.
 
+mod data_folder;
 mod error;
 mod evaluate;
 mod files;
+mod health;
+mod inspect;
+mod logging;
 mod presets;
 mod progress;
 mod reconstruct;
 mod sample;
+mod serve;
 mod verify;
+mod worker;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -35,18 +42,50 @@ enum Command {
     Verify(verify::Arguments),
     /// Print the presets with all their settings.
     Presets(presets::Arguments),
+    /// Serve the HTTP API, with worker processes that reconstruct.
+    Serve(Box<serve::Arguments>),
+    /// Work for a service.
+    #[command(hide = true)]
+    Worker(worker::Arguments),
+    /// Read one file for the service.
+    #[command(hide = true)]
+    Inspect(inspect::Arguments),
+    /// Ask the service on this machine whether it lives.
+    #[command(hide = true)]
+    Health(health::Arguments),
+}
+
+/// The program: reads the command line and does what it says.
+pub fn main() -> ExitCode {
+    let line: Vec<OsString> = std::env::args_os().collect();
+    let cli = Cli::parse_from(&line);
+    let cli = match &cli.command {
+        Command::Serve(arguments) => arguments.with_file(line),
+        _ => Ok(cli),
+    };
+    match cli {
+        Ok(cli) => run(cli),
+        Err(failure) => {
+            failure.print();
+            failure.exit_code()
+        }
+    }
 }
 
 /// Runs the program: what it returns is the exit code.
 ///
 /// 0 done, 1 a check or an output failed, 2 usage or settings, 3 input, 4 reconstruction failed.
-pub fn run(cli: Cli) -> ExitCode {
+fn run(cli: Cli) -> ExitCode {
     let result = match cli.command {
         Command::Reconstruct(arguments) => reconstruct::run(&arguments),
         Command::Sample(arguments) => sample::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Presets(arguments) => presets::run(&arguments),
+        Command::Health(arguments) => health::run(&arguments),
+        Command::Serve(arguments) => serve::run(&arguments),
+        Command::Worker(arguments) => worker::run(&arguments),
+        Command::Inspect(arguments) => inspect::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -149,6 +149,8 @@ impl Observer for Progress {
                 self.snapshots.borrow_mut().push((evaluation, mesh.clone()));
             }
             Event::Warning(warning) => self.say(&format!("warning: {}", warning.message)),
+            // A run of the command line is not taken up again.
+            Event::Checkpoint { .. } => {}
         }
     }
 

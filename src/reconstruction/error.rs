@@ -45,6 +45,9 @@ pub enum Error {
     /// The observer asked to stop.
     #[error("cancelled")]
     Cancelled,
+    /// The observer asked to make room; training can go on from its last checkpoint.
+    #[error("interrupted")]
+    Interrupted,
     /// The tensor library refused an operation; a defect of ours or of the installation.
     #[error("libtorch: {0}")]
     Libtorch(#[from] tch::TchError),
@@ -60,6 +63,7 @@ impl Error {
             Self::NoSurface(_) => "no_surface",
             Self::MeshTooLarge { .. } => "mesh_too_large",
             Self::Cancelled => "cancelled",
+            Self::Interrupted => "interrupted",
             Self::Threads { .. } | Self::Libtorch(_) => "internal",
         }
     }

@@ -3,13 +3,13 @@
 //! The library never looks at a clock and never logs. Who calls it gives it an [`Observer`]: a
 //! progress bar, rows of a database, or nothing at all.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::mesh::TriangleMesh;
 use super::training::{GradientHistogram, Metrics};
 
 /// The stages of a run, in their order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Phase {
     /// Normals, off-surface samples, hold-out.
@@ -61,6 +61,13 @@ pub enum Event<'a> {
     },
     /// A warning.
     Warning(&'a Warning),
+    /// A state from which the training can go on in another run, see [`Observer::checkpoint`].
+    Checkpoint {
+        /// Function evaluations so far.
+        evaluation: u64,
+        /// The state, to be kept as it is.
+        data: &'a [u8],
+    },
 }
 
 /// Listens to a run, can stop it, and lends it a clock.
@@ -71,6 +78,24 @@ pub trait Observer {
     /// Whether the run shall end now; asked at each loss evaluation and each slab of the grid.
     fn cancelled(&self) -> bool {
         false
+    }
+
+    /// Whether the run shall make room for now, to be taken up again later: training hands out a
+    /// checkpoint and the run ends with [`super::Error::Interrupted`].
+    fn released(&self) -> bool {
+        false
+    }
+
+    /// Whether training shall hand out a checkpoint; asked after each iteration.
+    fn checkpoint_due(&self) -> bool {
+        false
+    }
+
+    /// The last checkpoint of an earlier run over the same cloud with the same settings, from
+    /// which training goes on. One that belongs to something else is refused with a warning, and
+    /// training starts anew.
+    fn checkpoint(&self) -> Option<&[u8]> {
+        None
     }
 
     /// Seconds on a monotonic clock, from any fixed start.

@@ -3,13 +3,13 @@
 use super::cloud::PointCloud;
 use super::error::Error;
 use super::mesh::TriangleMesh;
-use super::network::{Architecture, Engine, Libtorch, Scalar, initial_parameters};
+use super::network::{Architecture, Engine, Libtorch, Model, Scalar, initial_parameters};
 use super::observer::{Event, Observer, Phase};
 use super::report::{Report, Stopwatch, Subject, SurfaceReport, TrainingReport};
 use super::sampling::{Prepared, prepare};
 use super::settings::{Precision, Settings};
 use super::surface::{Field, MAX_TRIANGLES, Request, extract, keep_components};
-use super::training::{Hooks, Termination, Trained, train};
+use super::training::{Hooks, Identity, Termination, Trained, train};
 use super::vector::{Bounds, Vec3};
 
 /// What a run gives.
@@ -19,17 +19,20 @@ pub struct Reconstruction {
     pub mesh: TriangleMesh,
     /// Its quality, and the record that makes the run again.
     pub report: Report,
+    /// The trained network.
+    pub model: Model,
 }
 
 /// Sets the number of threads of every later run in this process.
 ///
-/// Both thread pools, rayon's and libtorch's, belong to the process; so does this choice. The two
-/// never work at the same time.
+/// rayon's pool belongs to the process, and so does this choice. libtorch always gets one thread: on
+/// matrices as narrow as these networks a second one gained nothing (measured at 3500 × 50), and its
+/// idle threads spin, which costs twenty times where another process wants the core.
 ///
 /// # Errors
 /// When the threads were set to another number before.
 pub fn set_threads(threads: usize) -> Result<(), Error> {
-    tch::set_num_threads(threads as i32);
+    tch::set_num_threads(1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
     match pool.build_global() {
         Err(_) if rayon::current_num_threads() != threads => Err(Error::Threads {
@@ -54,9 +57,14 @@ pub fn reconstruct(
     settings: &Settings,
     observer: &dyn Observer,
 ) -> Result<Reconstruction, Error> {
-    match settings.network.precision {
+    let result = match settings.network.precision {
         Precision::F32 => run::<f32>(cloud, settings, observer),
         Precision::F64 => run::<f64>(cloud, settings, observer),
+    };
+    match result {
+        // The stages know one way to stop; the observer knows why.
+        Err(Error::Cancelled) if !observer.cancelled() => Err(Error::Interrupted),
+        result => result,
     }
 }
 
@@ -65,12 +73,12 @@ fn run<T: Scalar>(
     settings: &Settings,
     observer: &dyn Observer,
 ) -> Result<Reconstruction, Error> {
-    let cancelled = || observer.cancelled();
+    let stopped = || observer.cancelled() || observer.released();
     let mut stopwatch = Stopwatch::new(observer);
 
     observer.event(Event::Phase(Phase::Sampling));
     cloud.validate()?;
-    let prepared = prepare(cloud, settings, &cancelled)?;
+    let prepared = prepare(cloud, settings, &stopped)?;
     for warning in &prepared.warnings {
         observer.event(Event::Warning(warning));
     }
@@ -86,7 +94,7 @@ fn run<T: Scalar>(
     stopwatch.lap(Phase::Training);
 
     observer.event(Event::Phase(Phase::Surface));
-    let (mesh, surface) = mesher.mesh(field.as_ref())?;
+    let (mesh, surface) = mesher.mesh(field.as_ref(), &stopped)?;
     stopwatch.lap(Phase::Surface);
 
     observer.event(Event::Phase(Phase::Report));
@@ -100,7 +108,16 @@ fn run<T: Scalar>(
     let mut report = Report::new(&subject, TrainingReport::new(&trained), surface)?;
     stopwatch.lap(Phase::Report);
     report.seconds = stopwatch.seconds();
-    Ok(Reconstruction { mesh, report })
+    let model = Model {
+        settings: settings.clone(),
+        frame: prepared.frame,
+        parameters: trained.parameters.iter().map(|p| p.to_f64()).collect(),
+    };
+    Ok(Reconstruction {
+        mesh,
+        report,
+        model,
+    })
 }
 
 /// Trains; a snapshot is extracted at each chosen evaluation.
@@ -111,7 +128,8 @@ fn fit<T: Scalar>(
 ) -> Result<Trained<T>, Error> {
     let mut snapshot = |evaluation: u64, parameters: &[T]| {
         let field = engine.field(parameters)?;
-        match mesher.mesh(field.as_ref()) {
+        // Training takes care of a release after this iteration, without losing it.
+        match mesher.mesh(field.as_ref(), &|| mesher.observer.cancelled()) {
             Ok((mesh, _)) => {
                 mesher.observer.event(Event::Snapshot {
                     evaluation,
@@ -127,6 +145,11 @@ fn fit<T: Scalar>(
     let hooks = Hooks {
         observer: mesher.observer,
         snapshot: &mut snapshot,
+        identity: Identity::new(
+            mesher.settings,
+            &mesher.prepared.training,
+            &mesher.prepared.validation,
+        ),
     };
     let trained = train(engine, parameters, &mesher.settings.training, hooks)?;
     if trained.termination == Termination::Cancelled {
@@ -173,7 +196,11 @@ impl<'a> Mesher<'a> {
     }
 
     /// The mesh of `field`, in the coordinates of the input.
-    fn mesh(&self, field: &dyn Field) -> Result<(TriangleMesh, SurfaceReport), Error> {
+    fn mesh(
+        &self,
+        field: &dyn Field,
+        stopped: &dyn Fn() -> bool,
+    ) -> Result<(TriangleMesh, SurfaceReport), Error> {
         let settings = &self.settings.surface;
         let extraction = extract(
             field,
@@ -183,7 +210,7 @@ impl<'a> Mesher<'a> {
                 evaluation: settings.evaluation,
                 projection_steps: settings.projection_steps,
                 max_triangles: MAX_TRIANGLES,
-                cancelled: &|| self.observer.cancelled(),
+                cancelled: stopped,
                 progress: &|share| self.observer.event(Event::Progress(share)),
             },
         )?;

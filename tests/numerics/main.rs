@@ -1,6 +1,7 @@
 //! Tests of the mathematics. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod checkpoint;
 mod mesh;
 mod network;
 mod optimiser;

@@ -200,7 +200,9 @@ fn generated_samples_are_on_their_side() {
 
 #[test]
 fn graded_targets_are_signed_distances() {
-    let prepared = run(&drawn(SPHERE, 3_000, true), &Preset::Balanced.settings());
+    let mut settings = Preset::Balanced.settings();
+    settings.sampling.band = 0.05;
+    let prepared = run(&drawn(SPHERE, 3_000, true), &settings);
     assert_eq!(prepared.normals, Some(NormalSource::Given));
     let band = 0.05 * prepared.diagonal;
     let samples = &prepared.training;
@@ -208,7 +210,8 @@ fn graded_targets_are_signed_distances() {
         let truth = prepared
             .frame
             .length_to_unit(SPHERE.signed(prepared.frame.to_world(*p)));
-        // Gaps are up to 0.13 wide, and a tangent plane departs by 0.13² / 2 = 5 % of the band there.
+        // Gaps are up to 0.13 of the radius wide, and a tangent plane departs by 0.13² / 2 there,
+        // which is 5 % of the band.
         let error = (target - (truth / band).clamp(-1.0, 1.0)).abs();
         assert!(error < 0.05, "{target} at {truth}");
     }

@@ -5,7 +5,7 @@ use std::cell::{Cell, RefCell};
 use meshway::reconstruction::network::{Architecture, Engine, Libtorch, initial_parameters};
 use meshway::reconstruction::settings::{Optimizer, Preset, Scheme, Training};
 use meshway::reconstruction::training::{
-    GradientHistogram, Hooks, Metrics, Termination, Trained, train,
+    GradientHistogram, Hooks, Identity, Metrics, Termination, Trained, train,
 };
 use meshway::reconstruction::{Error, Event, Observer};
 
@@ -58,6 +58,7 @@ fn run(engine: &Libtorch<f64>, settings: &Training, notes: &Notes) -> Result<Tra
     let hooks = Hooks {
         observer: notes,
         snapshot: &mut |_, _| Ok(()),
+        identity: Identity::default(),
     };
     let start = initial_parameters(engine.architecture(), settings.seed);
     train(engine, start, settings, hooks)
@@ -121,6 +122,7 @@ fn histograms_and_snapshots_come_at_their_evaluations() {
             snapshots.push((evaluation, parameters.to_vec()));
             Ok(())
         },
+        identity: Identity::default(),
     };
     train(&engine, start.clone(), &settings, hooks).unwrap();
     assert_eq!(snapshots.iter().map(|s| s.0).collect::<Vec<_>>(), [1, 5]);
@@ -276,6 +278,7 @@ fn divergence_is_an_error() {
     let hooks = Hooks {
         observer: &notes,
         snapshot: &mut |_, _| Ok(()),
+        identity: Identity::default(),
     };
     let error = train(&engine, start, &settings(), hooks).unwrap_err();
     assert_eq!(error.code(), "training_diverged");

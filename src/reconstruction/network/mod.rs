@@ -6,11 +6,15 @@
 mod architecture;
 mod initialisation;
 mod libtorch;
+mod model;
+mod plain;
 mod scalar;
 
 pub use architecture::{Architecture, Layer};
 pub use initialisation::initial_parameters;
 pub use libtorch::Libtorch;
+pub use model::{Model, ModelError};
+pub use plain::PlainNetwork;
 pub use scalar::Scalar;
 
 use super::error::Error;

@@ -44,8 +44,8 @@ impl Preset {
             Self::Balanced => balanced,
             Self::Fast => Settings {
                 training: Training {
-                    max_evaluations: 300,
-                    patience: 100,
+                    max_evaluations: 400,
+                    patience: 150,
                     ..balanced.training
                 },
                 sampling: Sampling {
@@ -109,9 +109,9 @@ fn balanced() -> Settings {
         },
         sampling: Sampling {
             frame: Frame::Normalized,
-            half_extent: 1.0,
+            half_extent: 3.0,
             targets: Targets::Graded,
-            band: 0.05,
+            band: 0.03,
             off_surface: OffSurface::Generated,
             surface_points: 5_000,
             labelled_points: 5_000,

@@ -1,5 +1,7 @@
 //! Early stopping on the hold-out.
 
+use serde::{Deserialize, Serialize};
+
 use super::iterate::Iterate;
 use crate::reconstruction::error::Error;
 use crate::reconstruction::network::{Engine, Scalar};
@@ -21,6 +23,8 @@ pub(super) struct Holdout<'a, T> {
 }
 
 /// Parameters that training may end with.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
 pub(super) struct Chosen<T> {
     pub(super) parameters: Vec<T>,
     pub(super) evaluation: u64,
@@ -38,6 +42,16 @@ impl<'a, T: Scalar> Holdout<'a, T> {
             interval: (work / WORK_SHARE).ceil().max(1.0) as u64,
             best: None,
         }
+    }
+
+    /// The best so far, where it is kept.
+    pub(super) fn best(&self) -> Option<&Chosen<T>> {
+        self.best.as_ref()
+    }
+
+    /// Goes on from the best of an interrupted run.
+    pub(super) fn resume(&mut self, best: Option<Chosen<T>>) {
+        self.best = best;
     }
 
     /// The validation loss of an accepted iterate, where it is due.

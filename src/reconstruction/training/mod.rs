@@ -1,6 +1,7 @@
 //! Fitting the network: L-BFGS, Adam, the loop around them, and what it tells.
 
 mod adam;
+mod checkpoint;
 mod histogram;
 mod holdout;
 mod iterate;
@@ -14,6 +15,7 @@ mod run;
 use serde::{Deserialize, Serialize};
 
 pub use adam::Adam;
+pub use checkpoint::Identity;
 pub use iterate::{Interrupt, Iterate, Objective, Step};
 pub use lbfgs::{Lbfgs, Options};
 pub use monitor::{Hooks, Snapshot};

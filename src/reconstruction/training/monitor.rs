@@ -1,6 +1,7 @@
 //! What is done around each evaluation of the loss: counting, stopping from outside, histograms
 //! and snapshots.
 
+use super::checkpoint::Identity;
 use super::iterate::Interrupt;
 use super::{GradientHistogram, Metrics, Termination};
 use crate::reconstruction::error::Error;
@@ -19,6 +20,8 @@ pub struct Hooks<'a, T> {
     /// `snapshot_evaluations`. Like a histogram it belongs to exactly that evaluation, which may
     /// be a trial of a line search, as in \[N24\].
     pub snapshot: &'a mut Snapshot<'a, T>,
+    /// What a checkpoint must belong to.
+    pub identity: Identity,
 }
 
 /// Stands between the optimiser and the engine.
@@ -54,6 +57,27 @@ impl<'a, T: Scalar> Monitor<'a, T> {
         self.evaluations
     }
 
+    /// Who listens to the run.
+    pub(super) fn observer(&self) -> &'a dyn Observer {
+        self.hooks.observer
+    }
+
+    /// What a checkpoint must belong to.
+    pub(super) fn identity(&self) -> &Identity {
+        &self.hooks.identity
+    }
+
+    /// Seconds of training so far, over all its runs.
+    pub(super) fn elapsed_seconds(&self) -> f64 {
+        self.hooks.observer.seconds() - self.started
+    }
+
+    /// Counts on from an interrupted run.
+    pub(super) fn resume(&mut self, evaluations: u64, elapsed_seconds: f64) {
+        self.evaluations = evaluations;
+        self.started -= elapsed_seconds;
+    }
+
     /// Loss and gradient, unless the run is to stop.
     pub(super) fn evaluate(
         &mut self,
@@ -83,8 +107,7 @@ impl<'a, T: Scalar> Monitor<'a, T> {
         let limit = self.settings.time_limit_seconds;
         // The first evaluation is always made: without it there is no loss to report.
         if limit > 0.0 && self.evaluations > 0 {
-            let elapsed = self.hooks.observer.seconds() - self.started;
-            if elapsed >= limit {
+            if self.elapsed_seconds() >= limit {
                 return Err(Interrupt::Stop(Termination::TimeLimit));
             }
         }

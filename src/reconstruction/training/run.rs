@@ -1,6 +1,11 @@
 //! The loop around the optimisers: which one steps, when it ends, and what comes out.
 
+use std::borrow::Cow;
+
+use serde::{Deserialize, Serialize};
+
 use super::adam::Adam;
+use super::checkpoint::{Refusal, State};
 use super::holdout::Holdout;
 use super::iterate::{Interrupt, Iterate, Objective, Step};
 use super::lbfgs::{Lbfgs, Options};
@@ -8,6 +13,7 @@ use super::monitor::{Hooks, Monitor};
 use super::{Metrics, Termination};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::network::{Engine, Scalar};
+use crate::reconstruction::observer::{Event, Warning};
 use crate::reconstruction::settings::{Optimizer, Training};
 
 /// A trained network.
@@ -29,15 +35,18 @@ pub struct Trained<T> {
     pub evaluations: u64,
 }
 
-/// Fits the network to the engine's training samples, starting from `parameters`.
+/// Fits the network to the engine's training samples, starting from `parameters`, or from the
+/// checkpoint that the observer has.
 ///
 /// # Errors
 /// [`Error::TrainingDiverged`] when loss or gradient stop being finite; [`Error::Cancelled`] when
 /// the observer stops the run before its first evaluation (later this is a [`Termination`]); what
-/// the engine and the snapshot hook report.
+/// the engine and the snapshot hook report. [`Error::Interrupted`] when the observer wants room;
+/// it has got a checkpoint then, unless this comes before the first iteration.
 ///
 /// # Determinism
-/// The same arguments give the same result, unless `time_limit_seconds` ends the run.
+/// The same arguments give the same result, bit by bit also over interruptions, unless
+/// `time_limit_seconds` ends the run.
 pub fn train<'a, T: Scalar>(
     engine: &'a dyn Engine<T>,
     parameters: Vec<T>,
@@ -51,7 +60,7 @@ pub fn train<'a, T: Scalar>(
     };
     loop {
         match run.step() {
-            Ok(None) => {}
+            Ok(None) => run.checkpoint()?,
             Ok(Some(termination)) | Err(Interrupt::Stop(termination)) => {
                 return run.finish(termination);
             }
@@ -77,6 +86,13 @@ impl<'a, T: Scalar> Run<'a, T> {
         hooks: Hooks<'a, T>,
     ) -> Result<Self, Interrupt> {
         let mut monitor = Monitor::new(engine, settings, hooks);
+        if let Some(data) = monitor.observer().checkpoint() {
+            let dimension = engine.architecture().parameter_count();
+            match State::decode(data, monitor.identity(), dimension) {
+                Ok(state) => return Ok(Self::resume(monitor, settings, state)),
+                Err(refusal) => monitor.observer().event(Event::Warning(&warning(&refusal))),
+            }
+        }
         let at = Iterate::new(parameters, &mut |p, g| monitor.evaluate(p, g))?;
         let mut holdout = Holdout::new(engine, settings.patience);
         holdout.visit(&at, 0, monitor.evaluations())?;
@@ -88,6 +104,50 @@ impl<'a, T: Scalar> Run<'a, T> {
             holdout,
             iterations: 0,
         })
+    }
+
+    /// Goes on where an interrupted run stood.
+    fn resume(
+        mut monitor: Monitor<'a, T>,
+        settings: &'a Training,
+        state: State<'static, T>,
+    ) -> Self {
+        monitor.resume(state.evaluations, state.elapsed_seconds);
+        let mut holdout = Holdout::new(monitor.engine(), settings.patience);
+        holdout.resume(state.best.map(Cow::into_owned));
+        Self {
+            monitor,
+            settings,
+            at: state.at.into_owned(),
+            method: state.method.into_owned(),
+            holdout,
+            iterations: state.iterations,
+        }
+    }
+
+    /// Hands out the state between two iterations where that is due, and ends the run when room is
+    /// wanted.
+    fn checkpoint(&self) -> Result<(), Error> {
+        let observer = self.monitor.observer();
+        let released = observer.released();
+        if released || observer.checkpoint_due() {
+            let state = State {
+                at: Cow::Borrowed(&self.at),
+                method: Cow::Borrowed(&self.method),
+                best: self.holdout.best().map(Cow::Borrowed),
+                iterations: self.iterations,
+                evaluations: self.monitor.evaluations(),
+                elapsed_seconds: self.monitor.elapsed_seconds(),
+            };
+            observer.event(Event::Checkpoint {
+                evaluation: state.evaluations,
+                data: &state.encode(self.monitor.identity()),
+            });
+        }
+        if released {
+            return Err(Error::Interrupted);
+        }
+        Ok(())
     }
 
     /// One accepted step; the reason when it was the last.
@@ -136,8 +196,17 @@ impl<'a, T: Scalar> Run<'a, T> {
     }
 }
 
+fn warning(refusal: &Refusal) -> Warning {
+    Warning::new(
+        "checkpoint_refused",
+        format!("training starts anew, because the checkpoint {refusal}"),
+    )
+}
+
 /// The optimiser at work.
-enum Method<T> {
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+pub(super) enum Method<T> {
     Adam(Adam),
     Lbfgs(Lbfgs<T>),
 }

@@ -17,7 +17,7 @@ use super::TriangleMesh;
 use crate::reconstruction::vector::Vec3;
 
 /// A file format for meshes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Format {
     /// PLY, binary, little-endian; with normals.

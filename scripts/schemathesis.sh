@@ -1,0 +1,93 @@
+#!/usr/bin/env bash
+# Makes requests up from openapi.yaml and sends them to a served instance, good ones and bad ones;
+# fails on an answer that the contract does not allow and on every 5xx.
+#
+# MESHWAY: the program (target/release/meshway). EXAMPLES: requests for each operation (20). Further
+# arguments go to Schemathesis, such as --include-path /v1/jobs.
+set -euo pipefail
+
+version=4.32.5
+root=$(cd "$(dirname "$0")/.." && pwd)
+program=${MESHWAY:-$root/target/release/meshway}
+examples=${EXAMPLES:-20}
+tools=$root/target/schemathesis-$version
+
+fail() { echo "contract: $*" >&2; exit 1; }
+
+[ -x "$program" ] || fail "$program is missing; make build, or set MESHWAY"
+if [ ! -x "$tools/bin/schemathesis" ]; then
+  python3 -m venv "$tools" || fail "no Python environment (Debian: apt-get install python3-venv)"
+  "$tools/bin/pip" install --quiet --disable-pip-version-check "schemathesis==$version"
+fi
+
+work=$(mktemp -d)
+server=
+tidy() {
+  [ -z "$server" ] || { kill "$server" 2>/dev/null || true; wait "$server" 2>/dev/null || true; }
+  rm -rf "$work"
+}
+trap tidy EXIT
+# A small reserve and short waits: the machine of the check is not the service's.
+"$program" serve --listen 127.0.0.1:0 --data-dir "$work/data" --disk-reserve-mib 1 \
+  --disk-reserve-percent 0 --max-streams 50 > "$work/log" 2>&1 &
+server=$!
+for _ in $(seq 100); do
+  address=$(grep -o 'http://127[.]0[.]0[.]1:[0-9]*' "$work/log" | head -1 || true)
+  [ -n "$address" ] && break
+  kill -0 "$server" 2>/dev/null || { cat "$work/log" >&2; fail "the service did not start"; }
+  sleep 0.1
+done
+[ -n "$address" ] || fail "the service did not say where it listens"
+
+# A job to ask about: made-up ids only ever meet 404.
+"$program" sample sphere --points 500 --output "$work/sphere.ply" >/dev/null
+job=$("$tools/bin/python" - "$address" "$work/sphere.ply" <<'PYTHON'
+import json, sys, urllib.request
+
+address, path = sys.argv[1:]
+settings = json.dumps({"preset": "fast", "settings": {
+    "training": {"max_evaluations": 20, "snapshot_evaluations": [10], "histogram_evaluations": [5]},
+    "surface": {"resolution": 24}}})
+form = (b"--x\r\nContent-Disposition: form-data; name=\"job\"\r\n\r\n" + settings.encode()
+        + b"\r\n--x\r\nContent-Disposition: form-data; name=\"file\"; filename=\"sphere.ply\"\r\n\r\n"
+        + open(path, "rb").read() + b"\r\n--x--\r\n")
+request = urllib.request.Request(address + "/v1/jobs", form, {
+    "Content-Type": "multipart/form-data; boundary=x", "Prefer": "wait=60"})
+job = json.load(urllib.request.urlopen(request))
+assert job["status"] == "succeeded", job
+print(job["id"], job["cloud_id"])
+PYTHON
+)
+read -r job cloud <<<"$job"
+
+cat > "$work/schemathesis.toml" <<TOML
+# Values that exist, beside made-up ones; and what a request may get that fits the schema: a cloud
+# may be no cloud (415, 422), settings may contradict each other (422), a cursor may be none of ours.
+[parameters]
+"path.file" = "10.ply"
+
+[checks.positive_data_acceptance]
+expected-statuses = ["2xx", "304", "400", "404", "406", "409", "410", "413", "415", "416", "422"]
+
+[checks.negative_data_rejection]
+# A header that is not understood is ignored where RFC 7240 and RFC 9110 ask for it.
+expected-statuses = ["4xx", "2xx", "304"]
+
+[[operations]]
+include-path-regex = "^/v1/jobs/[{]id[}]/(events|metrics|gradients|mesh|snapshots|report|model|field)"
+parameters = { "path.id" = "$job" }
+
+[[operations]]
+include-path-regex = "^/v1/clouds/[{]id[}]/content"
+parameters = { "path.id" = "$cloud" }
+TOML
+# Event streams end with their job or the service: the one over all jobs is left to our own tests.
+"$tools/bin/schemathesis" --config-file "$work/schemathesis.toml" run "$root/openapi.yaml" \
+  --url "$address" --checks all --max-examples "$examples" --seed 1 --request-timeout 30 \
+  --exclude-path /v1/events --exclude-checks positive_data_acceptance,negative_data_rejection \
+  --suppress-health-check all --no-color "$@" || {
+    status=$?
+    grep -E 'ERROR|panicked' "$work/log" | tail -20 >&2 || true
+    exit "$status"
+  }
+curl -fsS "$address/livez" >/dev/null || fail "the service is gone"

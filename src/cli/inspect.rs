@@ -1,0 +1,41 @@
+//! `meshway inspect`: reads one uploaded file for the service, in a process of its own.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::Failure;
+use super::files::{Sink, read};
+use crate::http::inspect::{Verdict, inspect, limits};
+use crate::reconstruction::cloud::Format;
+
+/// Arguments of `meshway inspect`.
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The file.
+    file: PathBuf,
+    /// Ending of a file name, for contents that do not show their format.
+    #[arg(long)]
+    hint: Option<String>,
+    /// Most points.
+    #[arg(long, default_value_t = 5_000_000)]
+    max_points: u64,
+    /// Most bytes after unpacking.
+    #[arg(long, default_value_t = 512 << 20)]
+    max_bytes: u64,
+}
+
+/// Prints a [`Verdict`]; a refused file is no failure of the command.
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let bytes = read(&arguments.file)?;
+    let hint = arguments
+        .hint
+        .as_ref()
+        .and_then(|ending| Format::from_extension(&format!("cloud.{ending}")));
+    let limits = limits(arguments.max_points, arguments.max_bytes);
+    let verdict = Verdict::from(inspect(&bytes, hint, &limits));
+    Sink::new(Path::new("-"))?.write(|out| {
+        serde_json::to_writer(&mut *out, &verdict)?;
+        out.write_all(b"\n")
+    })
+}

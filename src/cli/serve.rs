@@ -1,0 +1,215 @@
+//! `meshway serve`: the API and the worker processes, until a signal ends them.
+
+use std::ffi::OsString;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::{Args, CommandFactory, FromArgMatches};
+use tokio::net::TcpListener;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio_util::sync::CancellationToken;
+
+use super::data_folder::DataFolder;
+use super::files::Sink;
+use super::{Cli, Failure, logging};
+use crate::config::{Config, file_arguments};
+use crate::http::{self, App};
+use crate::jobs::worker::Script;
+use crate::jobs::{Store, Supervisor, store, supervisor};
+
+/// How long workers may take to give their jobs back at the end; then they are killed.
+const DRAIN: Duration = Duration::from_secs(20);
+/// How long the whole end may take, whatever hangs.
+const LONGEST_END: Duration = Duration::from_secs(28);
+/// Kept answers are looked through for old ones so often.
+const PRUNE_INTERVAL: Duration = Duration::from_secs(3_600);
+/// Answers to requests with an `Idempotency-Key` are kept so long.
+const ANSWERS_KEPT_MS: i64 = 24 * 3_600 * 1_000;
+
+/// Arguments of `meshway serve`.
+#[derive(Debug, Args)]
+#[command(args_override_self = true)]
+pub struct Arguments {
+    #[command(flatten)]
+    config: Config,
+    /// TOML file with settings, by the names of the flags with underscores.
+    #[arg(long = "config", value_name = "FILE")]
+    file: Option<PathBuf>,
+    /// Print the settings as such a file, and end.
+    #[arg(long)]
+    print_config: bool,
+    /// What workers do in place of reconstructions, for tests and benchmarks.
+    #[arg(long, hide = true)]
+    script: Option<String>,
+    /// How long a computation may take to stop before its worker ends itself.
+    #[arg(long, hide = true, default_value_t = 10_000)]
+    grace_milliseconds: u32,
+}
+
+impl Arguments {
+    /// The command line again, with the settings of `--config` before the flags that override them.
+    pub(super) fn with_file(&self, line: Vec<OsString>) -> Result<Cli, Failure> {
+        let Some(path) = &self.file else {
+            return parse(line);
+        };
+        let text = std::fs::read_to_string(path)
+            .map_err(|error| Failure::Usage(format!("--config {}: {error}", path.display())))?;
+        let program = Cli::command();
+        let command = program.find_subcommand("serve").unwrap_or(&program);
+        let settings = file_arguments(&text, command)
+            .map_err(|error| Failure::Usage(format!("--config {}: {error}", path.display())))?;
+        // The program and its subcommand come first.
+        let (head, flags) = line.split_at(line.len().min(2));
+        parse([head, &settings, flags].concat())
+    }
+}
+
+fn parse(line: Vec<OsString>) -> Result<Cli, Failure> {
+    let matches = Cli::command().get_matches_from(line);
+    Cli::from_arg_matches(&matches).map_err(|error| Failure::Usage(error.to_string()))
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let config = &arguments.config;
+    if arguments.print_config {
+        let text = config
+            .to_toml()
+            .map_err(|error| Failure::Output(error.to_string()))?;
+        return Sink::new(Path::new("-"))?.write(|out| out.write_all(text.as_bytes()));
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut problems = config.problems(cores);
+    if let Some(Err(error)) = arguments.script.as_deref().map(str::parse::<Script>) {
+        problems.push(format!("--script: {error}"));
+    }
+    if !problems.is_empty() {
+        return Err(Failure::Usage(problems.join("\n")));
+    }
+    logging::start(config.log_format, &config.log)?;
+    let folder = DataFolder::take(&config.data_dir)?;
+    let runtime = tokio::runtime::Runtime::new()
+        .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
+    let result = runtime.block_on(serve(arguments, &folder, cores));
+    // What still runs after the drain is not waited for.
+    runtime.shutdown_background();
+    result
+}
+
+async fn serve(
+    arguments: &Arguments,
+    folder: &DataFolder<'_>,
+    cores: usize,
+) -> Result<(), Failure> {
+    let config = &arguments.config;
+    let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
+    let options = store::Options {
+        queue_limit: config.queue_limit.into(),
+        events_limit: config.max_events.into(),
+        metrics_limit: config.max_metrics.into(),
+        ..store::Options::default()
+    };
+    let store = Store::open(&config.data_dir, options)
+        .await
+        .map_err(failed)?;
+    folder.sweep(&store).await?;
+    store.idempotency_abandon_all().await.map_err(failed)?;
+
+    let listen = |error| Failure::Output(format!("--listen {}: {error}", config.listen));
+    let listener = TcpListener::bind(config.listen).await.map_err(listen)?;
+    let address = listener.local_addr().map_err(listen)?;
+    let program = std::env::current_exe()
+        .map_err(|error| Failure::Output(format!("this program cannot be found: {error}")))?;
+    let shutdown = CancellationToken::new();
+    let options = supervisor::Options {
+        program: program.clone(),
+        arguments: worker_arguments(arguments, cores),
+        workers: config.workers,
+        memory_limit_bytes: config.worker_memory_bytes(),
+        drain: DRAIN,
+    };
+    let supervisor = Supervisor::new(store.clone(), options, shutdown.clone());
+    let workers = supervisor.workers();
+    let app = App::new(
+        store.clone(),
+        config.clone(),
+        workers,
+        shutdown.clone(),
+        program,
+    );
+    end_on_signals(&shutdown)?;
+    tracing::info!("listening on http://{address}");
+
+    let service = async {
+        tokio::join!(http::serve(listener, app), supervisor.run());
+    };
+    let overdue = async {
+        shutdown.cancelled().await;
+        tracing::info!("the service stops");
+        tokio::time::sleep(LONGEST_END).await;
+    };
+    tokio::select! {
+        () = service => {}
+        () = overdue => tracing::error!("not all ended in time"),
+        () = prune(&store) => {}
+    }
+    store.close().await;
+    tracing::info!("the service has stopped");
+    Ok(())
+}
+
+fn worker_arguments(arguments: &Arguments, cores: usize) -> Vec<OsString> {
+    let config = &arguments.config;
+    let number = |name: &str, value: u64| OsString::from(format!("--{name}={value}"));
+    let format = match config.log_format {
+        crate::config::LogFormat::Text => "text",
+        crate::config::LogFormat::Json => "json",
+    };
+    let mut line = vec![
+        "worker".into(),
+        "--data-dir".into(),
+        config.data_dir.clone().into_os_string(),
+        number("threads", config.worker_threads(cores) as u64),
+        number(
+            "job-time-limit-seconds",
+            config.job_time_limit_seconds.into(),
+        ),
+        number("checkpoint-seconds", config.checkpoint_seconds.into()),
+        number("max-events", config.max_events.into()),
+        number("max-metrics", config.max_metrics.into()),
+        number("grace-milliseconds", arguments.grace_milliseconds.into()),
+        format!("--log-format={format}").into(),
+        format!("--log={}", config.log).into(),
+    ];
+    line.extend(
+        arguments
+            .script
+            .iter()
+            .map(|script| format!("--script={script}").into()),
+    );
+    line
+}
+
+/// Erases answers that are older than they are kept, for ever.
+async fn prune(store: &Store) {
+    let mut interval = tokio::time::interval(PRUNE_INTERVAL);
+    loop {
+        interval.tick().await;
+        if let Err(error) = store.idempotency_prune(store.now() - ANSWERS_KEPT_MS).await {
+            tracing::warn!(error.message = %error, "old answers were not erased");
+        }
+    }
+}
+
+fn end_on_signals(shutdown: &CancellationToken) -> Result<(), Failure> {
+    for kind in [SignalKind::terminate(), SignalKind::interrupt()] {
+        let mut signals =
+            signal(kind).map_err(|error| Failure::Output(format!("no signals: {error}")))?;
+        let shutdown = shutdown.clone();
+        tokio::spawn(async move {
+            signals.recv().await;
+            shutdown.cancel();
+        });
+    }
+    Ok(())
+}

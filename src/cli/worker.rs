@@ -1,0 +1,150 @@
+//! `meshway worker`: one worker process of a service; started by `meshway serve`, not by hand.
+
+use std::io::{Read, Write, stdin, stdout};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::Args;
+use rustix::process::{Signal, getpid, kill_process, nice};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+
+use super::{Failure, logging};
+use crate::config::LogFormat;
+use crate::jobs::worker::{End, Options, Script, Signals, Work, reconstruction, worker_name};
+use crate::jobs::{JobId, Store, Worker, store};
+use crate::reconstruction::set_threads;
+
+/// Below the server, which is to answer while all cores compute.
+const NICENESS: i32 = 5;
+
+/// Arguments of `meshway worker`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The folder of the service.
+    #[arg(long)]
+    data_dir: PathBuf,
+    /// Number of the worker among those of its service.
+    #[arg(long)]
+    slot: u16,
+    /// Threads to compute with.
+    #[arg(long)]
+    threads: usize,
+    /// Longest time of one attempt at a job in seconds.
+    #[arg(long)]
+    job_time_limit_seconds: u32,
+    /// Seconds between checkpoints of a training run.
+    #[arg(long)]
+    checkpoint_seconds: u32,
+    /// Most events kept for a job.
+    #[arg(long)]
+    max_events: u32,
+    /// Most metric rows kept for a job.
+    #[arg(long)]
+    max_metrics: u32,
+    /// How long a computation may take to stop.
+    #[arg(long)]
+    grace_milliseconds: u32,
+    /// What to do with a job in place of a reconstruction.
+    #[arg(long)]
+    script: Option<Script>,
+    /// Format of the log.
+    #[arg(long, value_enum)]
+    log_format: LogFormat,
+    /// What is logged.
+    #[arg(long)]
+    log: String,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    logging::start(arguments.log_format, &arguments.log)?;
+    if let Err(error) = nice(NICENESS) {
+        tracing::warn!(error.message = %error, "the worker runs at the server's priority");
+    }
+    let work: Arc<Work> = match arguments.script.clone() {
+        Some(script) => Arc::new(move |assignment, observer| script.run(assignment, observer)),
+        None => {
+            set_threads(arguments.threads).map_err(|error| Failure::Usage(error.to_string()))?;
+            Arc::new(reconstruction)
+        }
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
+    if runtime.block_on(work_on(arguments, work))? == End::Hung {
+        // Exit handlers would wait for the thread that does not stop.
+        kill_process(getpid(), Signal::KILL)
+            .map_err(|error| Failure::Output(format!("the worker cannot end: {error}")))?;
+    }
+    Ok(())
+}
+
+async fn work_on(arguments: &Arguments, work: Arc<Work>) -> Result<End, Failure> {
+    let stopping = CancellationToken::new();
+    let wake = listen(&stopping)?;
+    let options = store::Options {
+        events_limit: i64::from(arguments.max_events),
+        metrics_limit: i64::from(arguments.max_metrics),
+        ..store::Options::default()
+    };
+    let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
+    let store = Store::open(&arguments.data_dir, options)
+        .await
+        .map_err(failed)?;
+    let worker = Worker {
+        store: store.clone(),
+        work,
+        options: Options {
+            name: worker_name(arguments.slot, std::process::id()),
+            data_dir: arguments.data_dir.clone(),
+            time_limit: Duration::from_secs(arguments.job_time_limit_seconds.into()),
+            checkpoint_interval: Duration::from_secs(arguments.checkpoint_seconds.into()),
+            grace: Duration::from_millis(arguments.grace_milliseconds.into()),
+            metrics_limit: arguments.max_metrics.into(),
+        },
+        signals: Signals {
+            wake,
+            stopping,
+            committed: Box::new(tell),
+        },
+    };
+    let end = worker.run().await.map_err(failed)?;
+    store.close().await;
+    Ok(end)
+}
+
+/// Says on standard output that rows of a job were written. A server that is gone does not listen.
+fn tell(job: &JobId) {
+    drop(writeln!(stdout(), "J {job}"));
+}
+
+/// Hears wake-ups on standard input. Its end, SIGTERM and SIGINT mean to stop.
+fn listen(stopping: &CancellationToken) -> Result<watch::Receiver<u64>, Failure> {
+    let failed = |error: std::io::Error| Failure::Output(format!("no signals: {error}"));
+    let (sender, wake) = watch::channel(0);
+    let gone = stopping.clone();
+    // A thread, because a task that reads standard input keeps the runtime from ending.
+    std::thread::Builder::new()
+        .name("wake".to_owned())
+        .spawn(move || {
+            let mut bytes = [0; 64];
+            let mut input = stdin().lock();
+            while matches!(input.read(&mut bytes), Ok(1..)) {
+                sender.send_modify(|wakes| *wakes += 1);
+            }
+            gone.cancel();
+        })
+        .map_err(failed)?;
+    for kind in [SignalKind::terminate(), SignalKind::interrupt()] {
+        let mut signals = signal(kind).map_err(failed)?;
+        let stopping = stopping.clone();
+        tokio::spawn(async move {
+            signals.recv().await;
+            stopping.cancel();
+        });
+    }
+    Ok(wake)
+}

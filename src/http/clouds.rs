@@ -1,0 +1,139 @@
+//! Clouds: uploaded, listed, described, fetched, erased.
+
+use axum::Json;
+use axum::extract::{Request, State};
+use axum::http::header::{LINK, LOCATION};
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::{IntoResponse, Response};
+use serde_json::{Value, json};
+
+use super::AppState;
+use super::cloud_files;
+use super::download::{Content, Download};
+use super::error::{ApiError, Code, Result};
+use super::extract::{Id, Query};
+use super::idempotency::{self, Begun};
+use super::page::{Page, PageOf};
+use super::time::rfc3339;
+use super::upload::{Payload, receive};
+use crate::jobs::{Cloud, CloudDeletion, CloudId};
+
+/// `POST /v1/clouds`: 201, or 200 when the same bytes are here already.
+pub(super) async fn create(
+    State(app): State<AppState>,
+    query: Query,
+    request: Request,
+) -> Result<Response> {
+    query.finish()?;
+    app.check_accepting()?;
+    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    let Payload::File(upload, None) = receive(&app, request).await? else {
+        let detail = "send a point cloud, raw or as the only part, file, of a form";
+        return Err(ApiError::new(Code::UnsupportedFormat, detail));
+    };
+    key.content(upload.spooled.sha256.as_bytes());
+    let attempt = match key.begin(&app).await? {
+        Begun::Replay(response) => return Ok(response),
+        Begun::New(attempt) => attempt,
+    };
+    let (cloud, created) = cloud_files::keep(&app, upload).await?;
+    let status = if created {
+        StatusCode::CREATED
+    } else {
+        StatusCode::OK
+    };
+    let location = [(LOCATION, format!("/v1/clouds/{}", cloud.id))];
+    let response = (status, location, Json(represent(&cloud))).into_response();
+    attempt.keep(response).await
+}
+
+/// `GET /v1/clouds`: newest first.
+pub(super) async fn list(
+    State(app): State<AppState>,
+    uri: Uri,
+    mut query: Query,
+) -> Result<Response> {
+    let page = Page::<CloudId>::of(&mut query);
+    query.finish()?;
+    let page = page?;
+    let found = app
+        .store
+        .list_clouds(page.before.as_ref(), page.limit + 1)
+        .await?;
+    let PageOf { items, next } = page.cut(found, |cloud| cloud.id.as_str());
+    let items: Vec<Value> = items.iter().map(represent).collect();
+    let body = Json(json!({"items": items, "next_cursor": next.cursor()}));
+    Ok(match next.link(&uri) {
+        Some(link) => ([(LINK, link)], body).into_response(),
+        None => body.into_response(),
+    })
+}
+
+/// `GET /v1/clouds/{id}`.
+pub(super) async fn show(State(app): State<AppState>, Id(id): Id<CloudId>) -> Result<Json<Value>> {
+    Ok(Json(represent(&find(&app, &id).await?)))
+}
+
+/// `GET /v1/clouds/{id}/content`: the bytes as they were uploaded.
+pub(super) async fn content(
+    State(app): State<AppState>,
+    Id(id): Id<CloudId>,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let cloud = find(&app, &id).await?;
+    let gzipped = cloud.summary["gzipped"] == json!(true);
+    let ending = if gzipped { ".gz" } else { "" };
+    let download = Download {
+        content: Content::File {
+            path: cloud_files::path(&app, &cloud.sha256),
+            bytes: cloud.bytes,
+        },
+        sha256: cloud.sha256,
+        media_type: "application/octet-stream",
+        file_name: format!("{}.{}{ending}", cloud.id, cloud.format),
+    };
+    download.respond(&headers).await
+}
+
+/// `DELETE /v1/clouds/{id}`.
+pub(super) async fn erase(State(app): State<AppState>, Id(id): Id<CloudId>) -> Result<StatusCode> {
+    match cloud_files::erase(&app, &id).await? {
+        CloudDeletion::Deleted(_) => Ok(StatusCode::NO_CONTENT),
+        CloudDeletion::InUse => Err(ApiError::new(
+            Code::CloudInUse,
+            "a job that waits or runs needs the cloud; cancel the job first",
+        )
+        .retry_after(10)),
+        CloudDeletion::Missing => Err(ApiError::not_found("cloud")),
+    }
+}
+
+async fn find(app: &AppState, id: &CloudId) -> Result<Cloud> {
+    let cloud = app.store.cloud(id).await?;
+    cloud.ok_or_else(|| ApiError::not_found("cloud"))
+}
+
+/// A cloud as JSON: its columns, and what its reading found.
+fn represent(cloud: &Cloud) -> Value {
+    let summary = |name: &str| cloud.summary.get(name).cloned().unwrap_or_default();
+    let url = format!("/v1/clouds/{}", cloud.id);
+    json!({
+        "id": cloud.id,
+        "sha256": cloud.sha256,
+        "bytes": cloud.bytes,
+        "format": cloud.format,
+        "gzipped": summary("gzipped"),
+        "points": cloud.points,
+        "bounds": summary("bounds"),
+        "normals": summary("normals"),
+        "labels": summary("labels"),
+        "dropped_non_finite": summary("dropped_non_finite"),
+        "warnings": summary("warnings"),
+        "created_at": rfc3339(cloud.created_at),
+        "links": {
+            "self": url,
+            "content": format!("{url}/content"),
+            "jobs": format!("/v1/jobs?cloud_id={}", cloud.id),
+        },
+    })
+}

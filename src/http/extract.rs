@@ -1,0 +1,267 @@
+//! What requests carry, taken apart with problems of our own: axum's rejections are plain text.
+
+use std::collections::BTreeMap;
+use std::str::FromStr;
+use std::time::Duration;
+
+use axum::extract::{FromRequestParts, RawPathParams};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderName};
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
+
+use super::AppState;
+use super::error::{ApiError, Code, Result};
+use crate::jobs::Fault;
+
+/// The id of a path, `{id}`. A text that is none is a resource that does not exist.
+#[derive(Debug, Clone)]
+pub(super) struct Id<T>(pub(super) T);
+
+impl<T: FromStr> FromRequestParts<AppState> for Id<T> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &AppState) -> Result<Self> {
+        let parameters = RawPathParams::from_request_parts(parts, state).await;
+        parameters
+            .ok()
+            .and_then(|all| {
+                let (_, id) = all.iter().find(|(name, _)| *name == "id")?;
+                id.parse().ok()
+            })
+            .map(Self)
+            .ok_or_else(|| ApiError::not_found("resource"))
+    }
+}
+
+/// Named values of a query or a JSON object: each is taken once, what is left over is refused,
+/// and all faults are told together.
+#[derive(Debug)]
+pub(super) struct Fields<V> {
+    values: BTreeMap<String, V>,
+    faults: Vec<Fault>,
+}
+
+impl<V> Fields<V> {
+    /// A value that may be missing; `None` also for a faulty one, which [`Fields::finish`] tells.
+    pub(super) fn take<T>(
+        &mut self,
+        name: &str,
+        parse: impl FnOnce(V) -> std::result::Result<T, String>,
+    ) -> Option<T> {
+        match parse(self.values.remove(name)?) {
+            Ok(value) => Some(value),
+            Err(detail) => {
+                self.fault(name, detail);
+                None
+            }
+        }
+    }
+
+    /// A value that must be there.
+    pub(super) fn required<T>(
+        &mut self,
+        name: &str,
+        parse: impl FnOnce(V) -> std::result::Result<T, String>,
+    ) -> Option<T> {
+        if !self.values.contains_key(name) {
+            self.fault(name, "is missing".to_owned());
+        }
+        self.take(name, parse)
+    }
+
+    /// Notes what is wrong with a value.
+    pub(super) fn fault(&mut self, name: &str, detail: String) {
+        self.faults.push(Fault {
+            pointer: pointer(name),
+            detail,
+        });
+    }
+
+    /// Whether the value is there and was not taken yet.
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.values.contains_key(name)
+    }
+
+    /// Refuses all that is faulty or unknown.
+    ///
+    /// # Errors
+    /// [`Code::RequestInvalid`] with every fault.
+    pub(super) fn finish(mut self) -> Result<()> {
+        for name in std::mem::take(&mut self.values).into_keys() {
+            self.fault(&name, "is unknown".to_owned());
+        }
+        if self.faults.is_empty() {
+            return Ok(());
+        }
+        Err(ApiError::faults(Code::RequestInvalid, self.faults))
+    }
+}
+
+/// The parameters of a query.
+pub(super) type Query = Fields<String>;
+
+impl FromRequestParts<AppState> for Query {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, _: &AppState) -> Result<Self> {
+        let pairs = axum::extract::Query::<Vec<(String, String)>>::try_from_uri(&parts.uri)
+            .map_err(|error| ApiError::fault(Code::RequestInvalid, "", error.body_text()))?;
+        let mut query = Self {
+            values: BTreeMap::new(),
+            faults: Vec::new(),
+        };
+        for (name, value) in pairs.0 {
+            if query.values.insert(name.clone(), value).is_some() {
+                query.fault(&name, "is given twice".to_owned());
+            }
+        }
+        Ok(query)
+    }
+}
+
+/// The members of a JSON object.
+pub(super) type Members = Fields<Value>;
+
+impl Members {
+    /// The members of a body.
+    ///
+    /// # Errors
+    /// [`Code::MalformedJson`], also for nesting deeper than 128; [`Code::RequestInvalid`] for
+    /// another value than an object.
+    pub(super) fn of(body: &[u8]) -> Result<Self> {
+        let value: Value = serde_json::from_slice(body)
+            .map_err(|error| ApiError::new(Code::MalformedJson, error.to_string()))?;
+        let Value::Object(object) = value else {
+            let detail = "must be an object";
+            return Err(ApiError::fault(Code::RequestInvalid, "", detail));
+        };
+        Ok(object.into())
+    }
+}
+
+impl From<Map<String, Value>> for Members {
+    fn from(object: Map<String, Value>) -> Self {
+        Self {
+            values: object.into_iter().collect(),
+            faults: Vec::new(),
+        }
+    }
+}
+
+/// For [`Query::take`]: anything with a text form.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the shape that take asks for"
+)]
+pub(super) fn text<T: FromStr>(value: String) -> std::result::Result<T, String>
+where
+    T::Err: std::fmt::Display,
+{
+    value.parse().map_err(|error: T::Err| error.to_string())
+}
+
+/// For [`Members::take`]: anything with a JSON form.
+pub(super) fn json<T: DeserializeOwned>(value: Value) -> std::result::Result<T, String> {
+    serde_json::from_value(value).map_err(|error| error.to_string())
+}
+
+/// For [`Query::take`]: a switch.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the shape that take asks for"
+)]
+pub(super) fn switch(value: String) -> std::result::Result<bool, String> {
+    match value.as_str() {
+        "true" | "1" | "" => Ok(true),
+        "false" | "0" => Ok(false),
+        _ => Err("must be true or false".to_owned()),
+    }
+}
+
+/// JSON pointer of a top-level name (RFC 6901).
+fn pointer(name: &str) -> String {
+    format!("/{}", name.replace('~', "~0").replace('/', "~1"))
+}
+
+/// The text of a header, if it is there.
+///
+/// # Errors
+/// [`Code::BadHeader`] for one that is no text.
+pub(super) fn header<'h>(headers: &'h HeaderMap, name: &HeaderName) -> Result<Option<&'h str>> {
+    headers
+        .get(name)
+        .map(|value| {
+            value.to_str().map_err(|_| {
+                ApiError::new(Code::BadHeader, format!("{name} must be visible ASCII"))
+            })
+        })
+        .transpose()
+}
+
+/// Longest wait that `Prefer: wait` may ask for, in seconds.
+const MAX_WAIT_SECONDS: u64 = 60;
+
+/// How long the client prefers to wait (RFC 7240); longer wishes are cut to a minute.
+///
+/// # Errors
+/// [`Code::BadHeader`] for a wait that is no number. Other preferences are ignored, as the RFC asks.
+pub(super) fn preferred_wait(headers: &HeaderMap) -> Result<Option<Duration>> {
+    for value in headers.get_all("prefer") {
+        let value = value.to_str().unwrap_or_default();
+        for preference in value.split([',', ';']) {
+            let Some((name, seconds)) = preference.split_once('=') else {
+                continue;
+            };
+            if !name.trim().eq_ignore_ascii_case("wait") {
+                continue;
+            }
+            let seconds: u64 = seconds.trim().trim_matches('"').parse().map_err(|_| {
+                ApiError::new(Code::BadHeader, "Prefer: wait must be a number of seconds")
+            })?;
+            return Ok(Some(Duration::from_secs(seconds.min(MAX_WAIT_SECONDS))));
+        }
+    }
+    Ok(None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_faults_are_told_at_once() {
+        let mut members = Members::of(br#"{"a": 1, "b": "x", "c/d": 0}"#).unwrap();
+        assert_eq!(members.take("a", json::<u8>), Some(1));
+        assert_eq!(members.take("b", json::<u8>), None);
+        assert_eq!(members.required("e", json::<u8>), None);
+        let problem = members.finish().unwrap_err().document(None);
+        let pointers: Vec<_> = problem["errors"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|error| error["pointer"].as_str().unwrap())
+            .collect();
+        assert_eq!(pointers, ["/b", "/e", "/c~1d"]);
+    }
+
+    #[test]
+    fn deep_nesting_is_malformed() {
+        let body = [vec![b'['; 100_000], vec![b']'; 100_000]].concat();
+        let error = Members::of(&body).unwrap_err();
+        assert_eq!(error.code(), Code::MalformedJson);
+    }
+
+    #[test]
+    fn the_preferred_wait_is_found_and_cut() {
+        let wait = |value: &str| {
+            let mut headers = HeaderMap::new();
+            headers.insert("prefer", value.parse().unwrap());
+            preferred_wait(&headers).map(|wait| wait.map(|wait| wait.as_secs()))
+        };
+        assert_eq!(wait("wait=10").unwrap(), Some(10));
+        assert_eq!(wait("respond-async, Wait = 600").unwrap(), Some(60));
+        assert_eq!(wait("return=minimal").unwrap(), None);
+        assert_eq!(wait("wait=soon").unwrap_err().code(), Code::BadHeader);
+    }
+}

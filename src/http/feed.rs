@@ -1,0 +1,148 @@
+//! What all event streams wait for: one task that reads each new event once and hands it on.
+//!
+//! Five hundred streams that each asked the database would cost five hundred reads a commit. A
+//! stream that misses something here (it was slow, or joined late) reads the rows itself: they are
+//! the truth, this is the short way.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, watch};
+use tokio_util::sync::CancellationToken;
+
+use super::error::{ApiError, Code, Result};
+use super::gauges::Gauges;
+use crate::jobs::{Event, Store};
+
+/// Events that a slow stream may lag behind before it has to read rows.
+const BACKLOG: usize = 1_024;
+
+/// Events read at once.
+const PAGE: u32 = 500;
+
+/// Longest time between two looks at the database: what a lost wake-up costs.
+const POLL: Duration = Duration::from_secs(1);
+
+/// Shortest time between two looks, however many commits there are.
+const PAUSE: Duration = Duration::from_millis(20);
+
+/// New events, as they are committed.
+pub(super) struct Feed {
+    events: broadcast::Sender<Arc<Event>>,
+    position: watch::Receiver<Option<i64>>,
+    places: Arc<Semaphore>,
+    max_streams: u32,
+}
+
+/// One stream's share of the feed; gives its place back when it is dropped.
+pub(super) struct Listener {
+    /// The new events.
+    pub(super) events: broadcast::Receiver<Arc<Event>>,
+    _place: OwnedSemaphorePermit,
+}
+
+impl Feed {
+    /// Starts the task, which ends with `shutdown`. Needs a tokio runtime.
+    pub(super) fn start(
+        store: Store,
+        gauges: Arc<Gauges>,
+        max_streams: u32,
+        shutdown: CancellationToken,
+    ) -> Self {
+        let (events, _) = broadcast::channel(BACKLOG);
+        let (position, watched) = watch::channel(None);
+        let task = Task {
+            store,
+            gauges,
+            events: events.clone(),
+            position,
+        };
+        tokio::spawn(shutdown.run_until_cancelled_owned(task.run()));
+        Self {
+            events,
+            position: watched,
+            places: Arc::new(Semaphore::new(max_streams as usize)),
+            max_streams,
+        }
+    }
+
+    /// Listens to all events that are committed from now on.
+    ///
+    /// # Errors
+    /// [`Code::RateLimited`] when there are as many streams as allowed.
+    pub(super) async fn listen(&self) -> Result<Listener> {
+        let place = Arc::clone(&self.places).try_acquire_owned().map_err(|_| {
+            ApiError::new(
+                Code::RateLimited,
+                format!("{} event streams are open already", self.max_streams),
+            )
+            .retry_after(5)
+        })?;
+        let listener = Listener {
+            events: self.events.subscribe(),
+            _place: place,
+        };
+        // Only after the task knows where it starts is nothing lost between rows and feed.
+        let mut position = self.position.clone();
+        position
+            .wait_for(Option::is_some)
+            .await
+            .map_err(|_| ApiError::new(Code::Draining, "the service is about to stop"))?;
+        Ok(listener)
+    }
+
+    /// Open streams.
+    pub(super) fn streams(&self) -> u64 {
+        u64::from(self.max_streams) - self.places.available_permits() as u64
+    }
+}
+
+struct Task {
+    store: Store,
+    gauges: Arc<Gauges>,
+    events: broadcast::Sender<Arc<Event>>,
+    position: watch::Sender<Option<i64>>,
+}
+
+impl Task {
+    async fn run(self) {
+        let mut changed = self.store.changed();
+        let mut seq = loop {
+            match self.store.last_seq().await {
+                Ok(seq) => break seq,
+                Err(error) => tracing::warn!(error.message = %error, "no events can be read"),
+            }
+            tokio::time::sleep(POLL).await;
+        };
+        self.position.send_replace(Some(seq));
+        loop {
+            // The time limit makes up for a lost wake-up; a closed store answers with an error.
+            let _ = tokio::time::timeout(POLL, changed.changed()).await;
+            seq = self.forward(seq).await;
+            tokio::time::sleep(PAUSE).await;
+        }
+    }
+
+    /// Hands on what came after `seq`, and says how far it came.
+    async fn forward(&self, mut seq: i64) -> i64 {
+        loop {
+            let events = match self.store.all_events_after(seq, PAGE).await {
+                Ok(events) => events,
+                Err(error) => {
+                    tracing::warn!(error.message = %error, "no events can be read");
+                    return seq;
+                }
+            };
+            let full = events.len() == PAGE as usize;
+            for event in events {
+                seq = event.seq;
+                self.gauges.event(&self.store, &event).await;
+                // Without streams nobody takes it; the rows stay.
+                let _ = self.events.send(Arc::new(event));
+            }
+            if !full {
+                return seq;
+            }
+        }
+    }
+}

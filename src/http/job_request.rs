@@ -1,0 +1,198 @@
+//! What a client asks of a job, checked as far as it can be before any work.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Map, Value};
+
+use super::error::{ApiError, Code, Result};
+use super::estimate::Estimate;
+use super::extract::{Members, json};
+use super::inspect::Labels;
+use crate::config::Config;
+use crate::jobs::{Cloud, CloudId, Job, JobId, NewJob};
+use crate::reconstruction::settings::{self, OffSurface};
+use crate::reconstruction::{Preset, Settings};
+
+/// Most labels of a job.
+const MAX_LABELS: usize = 16;
+
+/// Most characters of a label's key and of its value.
+const MAX_LABEL_LENGTH: usize = 64;
+
+/// Memory of a worker besides its grid: program, libtorch, cloud.
+const WORKER_BASE_BYTES: u64 = 256 << 20;
+
+/// A job that is asked for, with complete settings.
+#[derive(Debug)]
+pub(super) struct JobRequest {
+    /// The cloud, where it is not part of the request.
+    pub(super) cloud_id: Option<CloudId>,
+    /// Preset that the settings started from.
+    pub(super) preset: Preset,
+    /// Complete settings.
+    pub(super) settings: Settings,
+    labels: BTreeMap<String, String>,
+    derived_from: Option<JobId>,
+}
+
+impl JobRequest {
+    /// Reads `cloud_id`, `preset`, `settings` and `labels`; `preset` of the address may stand in
+    /// for that of the body.
+    ///
+    /// # Errors
+    /// [`Code::RequestInvalid`], [`Code::SettingsInvalid`], [`Code::SettingsConflict`], each with
+    /// all faults.
+    pub(super) fn new(mut members: Members, preset: Option<Preset>) -> Result<Self> {
+        let cloud_id = members.take("cloud_id", json::<CloudId>);
+        if preset.is_some() && members.has("preset") {
+            members.fault("preset", "is given in the address too".to_owned());
+        }
+        let preset = members
+            .take("preset", |name| {
+                preset_named(name.as_str().unwrap_or_default())
+            })
+            .or(preset);
+        let given = members.take("settings", object);
+        let labels = members.take("labels", labels);
+        members.finish()?;
+        let preset = preset.unwrap_or_default();
+        Ok(Self {
+            cloud_id,
+            preset,
+            settings: resolve(preset, &given.unwrap_or_default().into())?,
+            labels: labels.unwrap_or_default(),
+            derived_from: None,
+        })
+    }
+
+    /// The same again, but for what is given: settings over those of the job, or over those of
+    /// another preset if one is named.
+    ///
+    /// # Errors
+    /// As [`JobRequest::new`].
+    pub(super) fn again(job: &Job, mut members: Members) -> Result<Self> {
+        let preset = members.take("preset", |name| {
+            preset_named(name.as_str().unwrap_or_default())
+        });
+        let given = members.take("settings", object).unwrap_or_default();
+        let labels = members.take("labels", labels);
+        members.finish()?;
+        let mut base = match preset {
+            Some(_) => Value::Object(Map::new()),
+            None => serde_json::to_value(&job.settings).map_err(ApiError::internal)?,
+        };
+        lay_over(&mut base, given);
+        let preset = preset.unwrap_or(job.preset);
+        Ok(Self {
+            cloud_id: Some(job.cloud_id.clone()),
+            preset,
+            settings: resolve(preset, &base)?,
+            labels: labels.unwrap_or_else(|| job.labels.clone()),
+            derived_from: Some(job.id.clone()),
+        })
+    }
+
+    /// Holds the settings against the cloud and the machine.
+    ///
+    /// # Errors
+    /// [`Code::SettingsConflict`] for labels that are asked for and not there, and
+    /// [`Code::GridTooLarge`].
+    pub(super) fn check(&self, config: &Config, cloud: Option<&Cloud>) -> Result<()> {
+        let labels = cloud.and_then(labels_of);
+        if self.settings.sampling.off_surface == OffSurface::Labels
+            && labels.is_some_and(|labels| labels.interior + labels.exterior == 0)
+        {
+            return Err((&settings::Error::conflict(
+                "/sampling/off_surface",
+                "is labels, but no point of the cloud is labelled interior or exterior; give such \
+                 points, or choose generated",
+            ))
+                .into());
+        }
+        let grid_bytes = Estimate::grid_bytes(&self.settings);
+        let limit = config.worker_memory_bytes();
+        match limit.map(|limit| limit.saturating_sub(WORKER_BASE_BYTES)) {
+            Some(limit) if grid_bytes > limit => {
+                let asked = self.settings.surface.resolution;
+                Err(ApiError::fault(
+                    Code::GridTooLarge,
+                    "/settings/surface/resolution",
+                    format!("is {asked}: the grid takes about {grid_bytes} bytes of {limit}"),
+                )
+                .with("asked", asked.into())
+                .with("limit_bytes", limit.into())
+                .with("memory_bytes", grid_bytes.into()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The job of this request for a cloud.
+    pub(super) fn of_cloud(self, cloud_id: CloudId) -> NewJob {
+        NewJob {
+            cloud_id,
+            preset: self.preset,
+            settings: self.settings,
+            labels: self.labels,
+            derived_from: self.derived_from,
+        }
+    }
+}
+
+/// Number of points by label, from what the upload found.
+pub(super) fn labels_of(cloud: &Cloud) -> Option<Labels> {
+    serde_json::from_value(cloud.summary.get("labels")?.clone()).ok()
+}
+
+fn resolve(preset: Preset, given: &Value) -> Result<Settings> {
+    Settings::resolve(preset, given).map_err(|error| (&error).into())
+}
+
+/// The preset of a name.
+pub(super) fn preset_named(name: &str) -> std::result::Result<Preset, String> {
+    let found = Preset::ALL.into_iter().find(|preset| preset.name() == name);
+    found.ok_or_else(|| {
+        let names = Preset::ALL.map(Preset::name).join(", ");
+        format!("must be one of {names}")
+    })
+}
+
+fn object(value: Value) -> std::result::Result<Map<String, Value>, String> {
+    match value {
+        Value::Object(object) => Ok(object),
+        _ => Err("must be an object".to_owned()),
+    }
+}
+
+fn labels(value: Value) -> std::result::Result<BTreeMap<String, String>, String> {
+    let labels: BTreeMap<String, String> =
+        serde_json::from_value(value).map_err(|_| "must be an object of strings".to_owned())?;
+    let fits = |text: &str| text.chars().count() <= MAX_LABEL_LENGTH;
+    if labels.len() > MAX_LABELS {
+        return Err(format!(
+            "has {} labels, at most {MAX_LABELS} are allowed",
+            labels.len()
+        ));
+    }
+    if !labels
+        .iter()
+        .all(|(key, value)| !key.is_empty() && fits(key) && fits(value))
+    {
+        return Err(format!(
+            "keys and values have at most {MAX_LABEL_LENGTH} characters, keys at least 1"
+        ));
+    }
+    Ok(labels)
+}
+
+fn lay_over(base: &mut Value, given: Map<String, Value>) {
+    let Value::Object(base) = base else { return };
+    for (name, value) in given {
+        match (base.get_mut(&name), value) {
+            (Some(inner @ Value::Object(_)), Value::Object(value)) => lay_over(inner, value),
+            (_, value) => {
+                base.insert(name, value);
+            }
+        }
+    }
+}

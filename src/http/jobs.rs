@@ -1,0 +1,260 @@
+//! Jobs: submitted, listed, described, cancelled, tried again, erased.
+
+use axum::Json;
+use axum::extract::{Request, State};
+use axum::http::header::LINK;
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::{IntoResponse, Response};
+use serde_json::{Map, Value, json};
+
+use super::AppState;
+use super::cloud_files;
+use super::error::{ApiError, Code, Result};
+use super::estimate::Estimate;
+use super::extract::{Id, Members, Query, switch, text};
+use super::idempotency::{self, Attempt, Begun, kept_headers};
+use super::inspect::Labels;
+use super::job_json::{answer, poll, represent};
+use super::job_request::{JobRequest, labels_of, preset_named};
+use super::page::{Page, PageOf};
+use super::time;
+use super::upload::{self, Payload, Upload, receive};
+use super::wait::Wish;
+use crate::jobs::{
+    Cloud, CloudId, Error, Job, JobFilter, JobId, Lookup, NewJob, Status, StoredResponse,
+};
+
+/// `POST /v1/jobs`: for a cloud that is here, or with the cloud itself.
+pub(super) async fn create(
+    State(app): State<AppState>,
+    mut query: Query,
+    request: Request,
+) -> Result<Response> {
+    let dry_run = query.take("dry_run", switch).unwrap_or(false);
+    let preset = query.take("preset", |name| preset_named(&name));
+    query.finish()?;
+    if !dry_run {
+        app.check_accepting()?;
+    }
+    let wish = Wish::of(request.headers())?;
+    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    let (members, upload) = match receive(&app, request).await? {
+        Payload::Json(body) => {
+            key.content(&body);
+            (Members::of(&body)?, None)
+        }
+        Payload::File(upload, job) => {
+            key.content(upload.spooled.sha256.as_bytes());
+            key.content(job.as_deref().unwrap_or_default());
+            (members_of(job.as_deref())?, Some(upload))
+        }
+    };
+    let asked = JobRequest::new(members, preset)?;
+    check_one_cloud(&asked, upload.as_ref(), dry_run)?;
+    let attempt = match key.begin(&app).await? {
+        Begun::Replay(response) => return Ok(response),
+        Begun::New(attempt) => attempt,
+    };
+    if dry_run {
+        let response = estimate(&app, &asked).await?;
+        return attempt.keep(response).await;
+    }
+    let cloud = match (upload, &asked.cloud_id) {
+        (Some(upload), _) => cloud_files::keep(&app, upload).await?.0,
+        (None, Some(id)) => find_cloud(&app, id).await?,
+        (None, None) => return Err(ApiError::internal("a job without a cloud was let in")),
+    };
+    asked.check(&app.config, Some(&cloud))?;
+    let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
+    wish.answer(&app, job).await
+}
+
+/// `GET /v1/jobs`: newest first, filtered by `status`, `label` (`key:value`), `cloud_id` and
+/// `created_after`.
+pub(super) async fn list(
+    State(app): State<AppState>,
+    uri: Uri,
+    mut query: Query,
+) -> Result<Response> {
+    let page = Page::<JobId>::of(&mut query);
+    let filter = JobFilter {
+        status: query.take("status", |name| {
+            Status::from_name(&name).ok_or_else(|| {
+                let names = Status::ALL.map(Status::name).join(", ");
+                format!("must be one of {names}")
+            })
+        }),
+        cloud_id: query.take("cloud_id", text::<CloudId>),
+        label: query.take("label", |label| {
+            let (key, value) = label
+                .split_once(':')
+                .ok_or("must have the form key:value")?;
+            Ok((key.to_owned(), value.to_owned()))
+        }),
+        created_after: query.take("created_after", |value| time::parse(&value)),
+    };
+    query.finish()?;
+    let page = page?;
+    let found = app
+        .store
+        .list_jobs(&filter, page.before.as_ref(), page.limit + 1)
+        .await?;
+    let PageOf { items, next } = page.cut(found, |job| job.id.as_str());
+    let mut shown = Vec::with_capacity(items.len());
+    for job in &items {
+        shown.push(represent(job, position(&app, job).await?));
+    }
+    let body = Json(json!({"items": shown, "next_cursor": next.cursor()}));
+    Ok(match next.link(&uri) {
+        Some(link) => ([(LINK, link)], body).into_response(),
+        None => body.into_response(),
+    })
+}
+
+/// `GET /v1/jobs/{id}`: made to be polled.
+pub(super) async fn show(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let job = find(app.store.job(&id).await?)?;
+    poll(&headers, &job, position(&app, &job).await?)
+}
+
+/// `POST /v1/jobs/{id}/cancel`: whatever came first, the answer is the true state.
+pub(super) async fn cancel(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    request: Request,
+) -> Result<Response> {
+    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    let body = upload::json(&app, request).await?;
+    key.content(&body);
+    members_of(Some(&body))?.finish()?;
+    let attempt = match key.begin(&app).await? {
+        Begun::Replay(response) => return Ok(response),
+        Begun::New(attempt) => attempt,
+    };
+    let job = find(app.store.request_cancel(&id).await?)?;
+    attempt.keep(answer(StatusCode::OK, &job, None)).await
+}
+
+/// `POST /v1/jobs/{id}/retry`: a new job from one that has ended.
+pub(super) async fn retry(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    query: Query,
+    request: Request,
+) -> Result<Response> {
+    query.finish()?;
+    app.check_accepting()?;
+    let wish = Wish::of(request.headers())?;
+    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    let body = upload::json(&app, request).await?;
+    key.content(&body);
+    let members = members_of(Some(&body))?;
+    let attempt = match key.begin(&app).await? {
+        Begun::Replay(response) => return Ok(response),
+        Begun::New(attempt) => attempt,
+    };
+    let job = find(app.store.job(&id).await?)?;
+    if !job.status.is_final() {
+        let detail = format!(
+            "the job is {}; it can be tried again when it has ended",
+            job.status
+        );
+        return Err(ApiError::new(Code::ResultNotReady, detail));
+    }
+    let asked = JobRequest::again(&job, members)?;
+    let cloud = find_cloud(&app, &job.cloud_id).await?;
+    asked.check(&app.config, Some(&cloud))?;
+    let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
+    wish.answer(&app, job).await
+}
+
+/// `DELETE /v1/jobs/{id}`: with all its results, in any state.
+pub(super) async fn erase(State(app): State<AppState>, Id(id): Id<JobId>) -> Result<StatusCode> {
+    find(app.store.delete_job(&id, "deleted").await?)?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Puts the job into the queue; under a key its answer is kept in the same transaction.
+async fn submit(app: &AppState, new: NewJob, attempt: Attempt) -> Result<Job> {
+    let keep = attempt.with_job(|job| {
+        let body = represent(job, None);
+        let headers = answer(StatusCode::ACCEPTED, job, None);
+        StoredResponse {
+            status: StatusCode::ACCEPTED.as_u16(),
+            headers: kept_headers(headers.headers()),
+            body: body.to_string().into_bytes(),
+        }
+    });
+    let job = app.store.submit(new, keep).await?;
+    attempt.kept();
+    Ok(job)
+}
+
+/// The answer to a dry run: what would be done, and what it would cost.
+async fn estimate(app: &AppState, asked: &JobRequest) -> Result<Response> {
+    let cloud = match &asked.cloud_id {
+        Some(id) => Some(find_cloud(app, id).await?),
+        None => None,
+    };
+    asked.check(&app.config, cloud.as_ref())?;
+    let budget = Labels {
+        surface: asked.settings.sampling.surface_points as u64,
+        interior: 0,
+        exterior: 0,
+    };
+    let labels = cloud.as_ref().and_then(labels_of).unwrap_or(budget);
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = app.config.worker_threads(cores);
+    Ok(Json(json!({
+        "dry_run": true,
+        "cloud_id": asked.cloud_id,
+        "preset": asked.preset,
+        "settings": asked.settings,
+        "estimate": Estimate::new(&asked.settings, &labels, threads),
+    }))
+    .into_response())
+}
+
+/// A request names its cloud or brings it along, and a dry run brings none.
+fn check_one_cloud(asked: &JobRequest, upload: Option<&Upload>, dry_run: bool) -> Result<()> {
+    let refuse = |pointer, detail| Err(ApiError::fault(Code::RequestInvalid, pointer, detail));
+    match (&asked.cloud_id, upload) {
+        (Some(_), Some(_)) => refuse("/cloud_id", "is given, but a cloud was sent too"),
+        (None, None) if !dry_run => refuse("/cloud_id", "is missing"),
+        (_, Some(_)) if dry_run => refuse("/dry_run", "takes a JSON body; upload the cloud first"),
+        _ => Ok(()),
+    }
+}
+
+/// The members of a body that may be empty.
+fn members_of(body: Option<&[u8]>) -> Result<Members> {
+    match body {
+        None | Some([]) => Ok(Map::<String, Value>::new().into()),
+        Some(body) => Members::of(body),
+    }
+}
+
+async fn find_cloud(app: &AppState, id: &CloudId) -> Result<Cloud> {
+    let cloud = app.store.cloud(id).await?;
+    cloud.ok_or_else(|| Error::CloudMissing(id.clone()).into())
+}
+
+async fn position(app: &AppState, job: &Job) -> Result<Option<u64>> {
+    if job.status == Status::Queued {
+        Ok(app.store.queue_position(&job.id).await?)
+    } else {
+        Ok(None)
+    }
+}
+
+fn find(lookup: Lookup) -> Result<Job> {
+    match lookup {
+        Lookup::Found(job) => Ok(*job),
+        Lookup::Gone(tombstone) => Err(ApiError::gone(&tombstone)),
+        Lookup::Missing => Err(ApiError::not_found("job")),
+    }
+}

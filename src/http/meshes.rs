@@ -1,0 +1,219 @@
+//! What a job made: its mesh and snapshots in every format, its report, its network.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, Uri, header};
+use axum::response::{IntoResponse, Response};
+use serde_json::{Value, json};
+
+use super::AppState;
+use super::accept::preferred;
+use super::download::{Content, Download};
+use super::error::{ApiError, Code, Result};
+use super::extract::{Id, Query};
+use super::results::{found, succeeded};
+use super::time::rfc3339;
+use crate::jobs::{Job, JobId, MeshInfo};
+use crate::reconstruction::mesh::write::Format;
+
+/// What a mesh may be asked for by `Accept`; the first one is given when all are the same to the
+/// client. PLY and OFF have no registered type, so theirs are not the only ones that are understood.
+const OFFERS: [(&str, Format); 7] = [
+    ("application/x-ply", Format::PlyBinary),
+    ("model/ply", Format::PlyBinary),
+    ("model/obj", Format::Obj),
+    ("model/stl", Format::Stl),
+    ("application/x-off", Format::Off),
+    ("model/gltf-binary", Format::Glb),
+    ("application/octet-stream", Format::PlyBinary),
+];
+
+/// Endings of the formats in addresses.
+const ENDINGS: [(&str, Format); 5] = [
+    ("ply", Format::PlyBinary),
+    ("obj", Format::Obj),
+    ("stl", Format::Stl),
+    ("off", Format::Off),
+    ("glb", Format::Glb),
+];
+
+/// GET /v1/jobs/{id}/mesh
+pub(super) async fn negotiated(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    query: Query,
+    headers: HeaderMap,
+) -> Result<Response> {
+    query.finish()?;
+    let job = succeeded(app.store.job(&id).await?)?;
+    respond(&app, &job, 0, accepted(&headers)?, &headers)
+        .await
+        .map(varies)
+}
+
+/// GET /v1/jobs/{id}/mesh.{format}
+pub(super) async fn result(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    uri: Uri,
+    query: Query,
+    headers: HeaderMap,
+) -> Result<Response> {
+    query.finish()?;
+    let (_, ending) = last_segment(&uri);
+    let format = ending.and_then(by_ending).ok_or_else(no_format)?;
+    let job = succeeded(app.store.job(&id).await?)?;
+    respond(&app, &job, 0, format, &headers).await
+}
+
+/// GET /v1/jobs/{id}/snapshots
+pub(super) async fn snapshots(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    query: Query,
+) -> Result<Response> {
+    query.finish()?;
+    let job = found(app.store.job(&id).await?)?;
+    let snapshots = app.store.snapshots(&id).await?;
+    let items: Vec<Value> = snapshots.iter().map(|mesh| describe(&job, mesh)).collect();
+    Ok(Json(json!({"job_id": job.id, "items": items})).into_response())
+}
+
+/// GET /v1/jobs/{id}/snapshots/{file}: an evaluation, and the ending of a format.
+pub(super) async fn snapshot(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    uri: Uri,
+    query: Query,
+    headers: HeaderMap,
+) -> Result<Response> {
+    query.finish()?;
+    let (stem, ending) = last_segment(&uri);
+    let no_snapshot = || ApiError::not_found("snapshot");
+    let evaluation: u64 = stem.parse().map_err(|_| no_snapshot())?;
+    let job = found(app.store.job(&id).await?)?;
+    if evaluation == 0 {
+        return Err(no_snapshot());
+    }
+    match ending {
+        None => respond(&app, &job, evaluation, accepted(&headers)?, &headers)
+            .await
+            .map(varies),
+        Some(ending) => {
+            let format = by_ending(ending).ok_or_else(no_format)?;
+            respond(&app, &job, evaluation, format, &headers).await
+        }
+    }
+}
+
+/// GET /v1/jobs/{id}/report
+pub(super) async fn report(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    query: Query,
+) -> Result<Response> {
+    query.finish()?;
+    let job = succeeded(app.store.job(&id).await?)?;
+    Ok(Json(job.report).into_response())
+}
+
+/// GET /v1/jobs/{id}/model
+pub(super) async fn model(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    query: Query,
+    headers: HeaderMap,
+) -> Result<Response> {
+    query.finish()?;
+    let job = succeeded(app.store.job(&id).await?)?;
+    let model = app.store.model(&id).await?;
+    let (bytes, sha256) = model.ok_or_else(|| ApiError::not_found("model"))?;
+    let download = Download {
+        content: Content::Memory(bytes.into()),
+        sha256,
+        media_type: "application/octet-stream",
+        file_name: format!("{}.safetensors", job.id),
+    };
+    download.respond(&headers).await
+}
+
+async fn respond(
+    app: &AppState,
+    job: &Job,
+    evaluation: u64,
+    format: Format,
+    headers: &HeaderMap,
+) -> Result<Response> {
+    let mesh = app.store.mesh_info(&job.id, evaluation).await?;
+    let mesh = mesh.ok_or_else(|| ApiError::not_found("mesh"))?;
+    let file = app.meshes.get(&app.store, &mesh, format).await?;
+    let stem = match evaluation {
+        0 => job.id.to_string(),
+        evaluation => format!("{}-{evaluation}", job.id),
+    };
+    let download = Download {
+        content: file.content(),
+        sha256: file.sha256,
+        media_type: format.media_type(),
+        file_name: format!("{stem}.{}", format.extension()),
+    };
+    download.respond(headers).await
+}
+
+/// The format that the client names or accepts.
+///
+/// # Errors
+/// [`Code::NotAcceptable`] with the list of formats.
+fn accepted(headers: &HeaderMap) -> Result<Format> {
+    preferred(headers, &OFFERS).ok_or_else(|| {
+        let types = ENDINGS.map(|(_, format)| format.media_type()).join(", ");
+        ApiError::new(Code::NotAcceptable, format!("meshes are given as {types}")).with(
+            "acceptable",
+            json!(ENDINGS.map(|(_, format)| format.media_type())),
+        )
+    })
+}
+
+fn by_ending(ending: &str) -> Option<Format> {
+    let found = ENDINGS.iter().find(|(name, _)| *name == ending);
+    found.map(|(_, format)| *format)
+}
+
+fn no_format() -> ApiError {
+    let endings = ENDINGS.map(|(name, _)| name).join(", ");
+    ApiError::new(Code::NotFound, format!("the formats are {endings}"))
+}
+
+/// What stands after the last slash: the stem, and the ending behind its dot.
+fn last_segment(uri: &Uri) -> (&str, Option<&str>) {
+    let segment = uri.path().rsplit('/').next().unwrap_or_default();
+    match segment.split_once('.') {
+        Some((stem, ending)) => (stem, Some(ending)),
+        None => (segment, None),
+    }
+}
+
+/// The same address gives other bytes to another `Accept`.
+fn varies(mut response: Response) -> Response {
+    let accept = HeaderValue::from_static("accept");
+    response.headers_mut().insert(header::VARY, accept);
+    response
+}
+
+fn describe(job: &Job, mesh: &MeshInfo) -> Value {
+    let evaluation = mesh.evaluation;
+    let links = ENDINGS.map(|(ending, _)| {
+        let link = format!("/v1/jobs/{}/snapshots/{evaluation}.{ending}", job.id);
+        (ending, link)
+    });
+    let links: std::collections::BTreeMap<_, _> = links.into_iter().collect();
+    json!({
+        "evaluation": evaluation,
+        "vertices": mesh.vertices,
+        "triangles": mesh.triangles,
+        "bytes": mesh.bytes,
+        "sha256": mesh.sha256,
+        "created_at": rfc3339(mesh.created_at),
+        "links": links,
+    })
+}

@@ -1,0 +1,350 @@
+//! The training series of a job and its gradient histograms.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
+use axum::http::{HeaderMap, HeaderValue};
+use axum::response::{IntoResponse, Response};
+use serde_json::{Map, Value, json};
+
+use super::AppState;
+use super::accept::preferred;
+use super::error::{ApiError, Code, Result};
+use super::extract::{Id, Query, text};
+use super::results::found;
+use crate::jobs::JobId;
+use crate::reconstruction::training::Metrics;
+
+/// Rows read at once.
+const PAGE: u32 = 20_000;
+
+/// Fewest points that hold the extremes of every series.
+const MIN_POINTS: usize = 16;
+
+/// GET /v1/jobs/{id}/gradients
+pub(super) async fn gradients(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    query: Query,
+) -> Result<Response> {
+    query.finish()?;
+    let job = found(app.store.job(&id).await?)?;
+    let histograms = app.store.gradients(&job.id).await?;
+    Ok(Json(json!({"job_id": job.id, "items": histograms})).into_response())
+}
+
+/// GET /v1/jobs/{id}/metrics
+pub(super) async fn metrics(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    mut query: Query,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let fields = query.take("fields", |list| fields(&list));
+    let fields = fields.unwrap_or_else(|| Field::ALL.to_vec());
+    let after = query.take("after", text::<u64>).unwrap_or(0);
+    let max_points = query.take("max_points", |value| {
+        let points = text::<usize>(value)?;
+        (points >= MIN_POINTS)
+            .then_some(points)
+            .ok_or(format!("must be at least {MIN_POINTS}"))
+    });
+    let format = query.take("format", |name| {
+        Format::from_name(&name).ok_or_else(|| "must be json, csv or ndjson".to_owned())
+    });
+    query.finish()?;
+    let format = match format {
+        Some(format) => format,
+        None => Format::accepted(&headers)?,
+    };
+    let job = found(app.store.job(&id).await?)?;
+    // A long series takes some tens of megabytes while it is written out.
+    let _turn = app.series.acquire().await.map_err(ApiError::internal)?;
+    let rows = read(&app, &id, after).await?;
+    let total = rows.len();
+    let rows = match max_points {
+        Some(points) if points < total => thin(rows, points),
+        _ => rows,
+    };
+    let body = match format {
+        Format::Json => {
+            let series: Map<String, Value> = fields
+                .iter()
+                .map(|field| {
+                    let column = rows.iter().map(|row| field.value(row)).collect();
+                    (field.name().to_owned(), Value::Array(column))
+                })
+                .collect();
+            let last = rows.last().map(|row| row.evaluation);
+            json!({
+                "job_id": job.id,
+                "status": job.status,
+                "rows": total,
+                "last_evaluation": last,
+                "series": series,
+            })
+            .to_string()
+        }
+        Format::Csv => csv(&fields, &rows),
+        Format::Ndjson => rows
+            .iter()
+            .map(|row| {
+                let pairs = fields.iter();
+                let row: Map<_, _> = pairs
+                    .map(|field| (field.name().to_owned(), field.value(row)))
+                    .collect();
+                format!("{}\n", Value::Object(row))
+            })
+            .collect(),
+    };
+    let content_type = HeaderValue::from_static(format.media_type());
+    let no_store = HeaderValue::from_static("no-store");
+    Ok((
+        [(CONTENT_TYPE, content_type), (CACHE_CONTROL, no_store)],
+        body,
+    )
+        .into_response())
+}
+
+async fn read(app: &AppState, id: &JobId, mut after: u64) -> Result<Vec<Metrics>> {
+    let mut rows = Vec::new();
+    loop {
+        let page = app.store.metrics(id, after, PAGE).await?;
+        let full = page.len() == PAGE as usize;
+        rows.extend(page);
+        match rows.last() {
+            Some(last) if full => after = last.evaluation,
+            _ => return Ok(rows),
+        }
+    }
+}
+
+/// A column of the series.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Field {
+    Evaluation,
+    Iteration,
+    Loss,
+    ValidationLoss,
+    GradientNorm,
+    StepLength,
+    WeightNorms,
+}
+
+impl Field {
+    const ALL: [Self; 7] = [
+        Self::Evaluation,
+        Self::Iteration,
+        Self::Loss,
+        Self::ValidationLoss,
+        Self::GradientNorm,
+        Self::StepLength,
+        Self::WeightNorms,
+    ];
+
+    /// Those whose extremes survive thinning.
+    const CURVES: [Self; 4] = [
+        Self::Loss,
+        Self::ValidationLoss,
+        Self::GradientNorm,
+        Self::StepLength,
+    ];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Evaluation => "evaluation",
+            Self::Iteration => "iteration",
+            Self::Loss => "loss",
+            Self::ValidationLoss => "validation_loss",
+            Self::GradientNorm => "gradient_norm",
+            Self::StepLength => "step_length",
+            Self::WeightNorms => "weight_norms",
+        }
+    }
+
+    /// Its value in JSON; what is not finite is null.
+    fn value(self, row: &Metrics) -> Value {
+        match self {
+            Self::Evaluation => json!(row.evaluation),
+            Self::Iteration => json!(row.iteration),
+            Self::WeightNorms => json!(row.weight_norms),
+            _ => json!(self.number(row)),
+        }
+    }
+
+    fn number(self, row: &Metrics) -> Option<f64> {
+        match self {
+            Self::Loss => Some(row.loss),
+            Self::ValidationLoss => row.validation_loss,
+            Self::GradientNorm => Some(row.gradient_norm),
+            Self::StepLength => Some(row.step_length),
+            Self::Evaluation | Self::Iteration | Self::WeightNorms => None,
+        }
+        .filter(|number| number.is_finite())
+    }
+}
+
+/// The evaluation and what else is asked for, in the order of the columns.
+fn fields(list: &str) -> std::result::Result<Vec<Field>, String> {
+    let names: Vec<&str> = list.split(',').map(str::trim).collect();
+    let unknown = |name: &&&str| !Field::ALL.iter().any(|field| field.name() == **name);
+    if let Some(name) = names.iter().find(unknown) {
+        let known = Field::ALL.map(Field::name).join(", ");
+        return Err(format!("'{name}' is none of {known}"));
+    }
+    let wanted = |field: &Field| *field == Field::Evaluation || names.contains(&field.name());
+    Ok(Field::ALL.into_iter().filter(wanted).collect())
+}
+
+/// At most `points` rows: the first, the last, and of each of equal stretches those where a curve
+/// has its smallest and largest value, so that no peak is lost.
+fn thin(rows: Vec<Metrics>, points: usize) -> Vec<Metrics> {
+    let stretches = ((points - 2) / (2 * Field::CURVES.len())).max(1);
+    let length = rows.len().div_ceil(stretches);
+    let mut keep = vec![false; rows.len()];
+    if let Some(first) = keep.first_mut() {
+        *first = true;
+    }
+    if let Some(last) = keep.last_mut() {
+        *last = true;
+    }
+    for (s, stretch) in rows.chunks(length).enumerate() {
+        for field in Field::CURVES {
+            let values = stretch.iter().map(|row| field.number(row)).enumerate();
+            let values: Vec<(usize, f64)> = values.filter_map(|(i, v)| Some((i, v?))).collect();
+            let by_value = |a: &&(usize, f64), b: &&(usize, f64)| a.1.total_cmp(&b.1);
+            let extremes = [
+                values.iter().min_by(by_value),
+                values.iter().max_by(by_value),
+            ];
+            for (i, _) in extremes.into_iter().flatten() {
+                keep[s * length + i] = true;
+            }
+        }
+    }
+    let kept = rows.into_iter().zip(keep).filter(|(_, keep)| *keep);
+    kept.map(|(row, _)| row).collect()
+}
+
+/// A head and a line a row; the weight norms have a column a layer.
+fn csv(fields: &[Field], rows: &[Metrics]) -> String {
+    let layers = rows.iter().map(|row| row.weight_norms.len()).max();
+    let layers = layers.unwrap_or(0);
+    let head: Vec<String> = fields
+        .iter()
+        .flat_map(|field| match field {
+            Field::WeightNorms => (0..layers).map(|k| format!("weight_norm_{k}")).collect(),
+            field => vec![field.name().to_owned()],
+        })
+        .collect();
+    let mut out = head.join(",");
+    for row in rows {
+        out.push('\n');
+        let cells: Vec<String> = fields
+            .iter()
+            .flat_map(|field| match field {
+                Field::WeightNorms => (0..layers)
+                    .map(|k| {
+                        row.weight_norms
+                            .get(k)
+                            .map_or(String::new(), f64::to_string)
+                    })
+                    .collect(),
+                field => match field.value(row) {
+                    Value::Null => vec![String::new()],
+                    value => vec![value.to_string()],
+                },
+            })
+            .collect();
+        out.push_str(&cells.join(","));
+    }
+    out.push('\n');
+    out
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Json,
+    Csv,
+    Ndjson,
+}
+
+impl Format {
+    fn from_name(name: &str) -> Option<Self> {
+        match name {
+            "json" => Some(Self::Json),
+            "csv" => Some(Self::Csv),
+            "ndjson" => Some(Self::Ndjson),
+            _ => None,
+        }
+    }
+
+    fn media_type(self) -> &'static str {
+        match self {
+            Self::Json => "application/json",
+            Self::Csv => "text/csv; charset=utf-8",
+            Self::Ndjson => "application/x-ndjson",
+        }
+    }
+
+    /// What the client likes best; without a wish JSON.
+    fn accepted(headers: &HeaderMap) -> Result<Self> {
+        let offers = [
+            ("application/json", Self::Json),
+            ("text/csv", Self::Csv),
+            ("application/x-ndjson", Self::Ndjson),
+        ];
+        preferred(headers, &offers).ok_or_else(|| {
+            ApiError::new(
+                Code::NotAcceptable,
+                "the series is given as application/json, text/csv or application/x-ndjson",
+            )
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(evaluation: u64, loss: f64) -> Metrics {
+        Metrics {
+            iteration: evaluation,
+            evaluation,
+            loss,
+            validation_loss: None,
+            gradient_norm: 1.0,
+            step_length: f64::INFINITY,
+            weight_norms: vec![1.0, 2.5],
+        }
+    }
+
+    #[test]
+    fn thinning_keeps_ends_and_peaks() {
+        let mut rows: Vec<_> = (1..=10_000).map(|i| row(i, 1.0 / i as f64)).collect();
+        rows[5_432].loss = 99.0;
+        rows[5_433].loss = -1.0;
+        let kept = thin(rows, 100);
+        assert!(kept.len() <= 100);
+        let evaluations: Vec<_> = kept.iter().map(|row| row.evaluation).collect();
+        assert!(evaluations.is_sorted());
+        for evaluation in [1, 5_433, 5_434, 10_000] {
+            assert!(evaluations.contains(&evaluation), "{evaluation}");
+        }
+    }
+
+    #[test]
+    fn a_table_has_a_column_a_layer_and_gaps_for_what_is_missing() {
+        let fields = fields("loss, weight_norms,validation_loss,step_length").unwrap();
+        assert_eq!(
+            csv(&fields, &[row(3, 0.5)]),
+            "evaluation,loss,validation_loss,step_length,weight_norm_0,weight_norm_1\n\
+             3,0.5,,,1,2.5\n"
+        );
+    }
+
+    #[test]
+    fn unknown_fields_are_named() {
+        assert!(super::fields("loss,los").unwrap_err().contains("'los'"));
+    }
+}

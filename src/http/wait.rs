@@ -1,0 +1,153 @@
+//! `Prefer: wait=N`: the answer comes when the job has ended, or after N seconds.
+
+use std::time::Duration;
+
+use axum::extract::Request;
+use axum::http::header::ACCEPT;
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::response::{IntoResponse, Response};
+use tower::ServiceExt;
+
+use super::AppState;
+use super::error::{ApiError, Code, Result};
+use super::extract::preferred_wait;
+use super::idempotency::KEY;
+use super::job_json::{PREFERENCE_APPLIED, answer, url};
+use crate::jobs::{Job, JobId, Lookup, Status};
+use crate::reconstruction::mesh::write::Format;
+
+/// Longest pause between two looks at the job: what a lost wake-up costs.
+const POLL: Duration = Duration::from_secs(1);
+
+/// Shortest pause: every commit wakes all waits, whosever job it was.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// How a client wants to be answered.
+#[derive(Debug, Clone)]
+pub(super) struct Wish {
+    wait: Option<Duration>,
+    accept: Option<HeaderValue>,
+    /// Without it the answer under a key would not be the one that is repeated: the place in the
+    /// queue is not known where that one is written.
+    place: bool,
+}
+
+impl Wish {
+    /// The wish of a request's headers.
+    ///
+    /// # Errors
+    /// [`Code::BadHeader`].
+    pub(super) fn of(headers: &HeaderMap) -> Result<Self> {
+        let accept = headers.get(ACCEPT).filter(|accept| names_mesh(accept));
+        Ok(Self {
+            wait: preferred_wait(headers)?,
+            accept: accept.cloned(),
+            place: !headers.contains_key(KEY),
+        })
+    }
+
+    /// The answer to a submitted job: 202 at once or after the wait, 200 with the job or its mesh
+    /// when it ended in time.
+    ///
+    /// # Errors
+    /// [`Code::Gone`] when the job was erased meanwhile; the job's own problem when its mesh was
+    /// asked for and there is none.
+    pub(super) async fn answer(self, app: &AppState, job: Job) -> Result<Response> {
+        let Some(wait) = self.wait else {
+            let position = if self.place {
+                app.store.queue_position(&job.id).await?
+            } else {
+                None
+            };
+            return Ok(answer(StatusCode::ACCEPTED, &job, position));
+        };
+        let job = until_ended(app, &job.id, wait).await?;
+        let mut response = match (job.status, self.accept) {
+            (Status::Queued | Status::Running, _) => {
+                let position = app.store.queue_position(&job.id).await?;
+                answer(StatusCode::ACCEPTED, &job, position)
+            }
+            (Status::Succeeded, Some(accept)) => mesh(app, &job, accept).await?,
+            (Status::Failed, Some(_)) => return Err(failure(&job)),
+            (Status::Cancelled, Some(_)) => {
+                let detail = format!("the job {} was cancelled: it has no mesh", job.id);
+                return Err(ApiError::new(Code::NotFound, detail));
+            }
+            (_, None) => answer(StatusCode::OK, &job, None),
+        };
+        let applied = HeaderValue::try_from(format!("wait={}", wait.as_secs()));
+        let applied = applied.map_err(ApiError::internal)?;
+        response.headers_mut().insert(PREFERENCE_APPLIED, applied);
+        Ok(response)
+    }
+}
+
+/// Whether `Accept` names a mesh type; a wildcard names none.
+fn names_mesh(accept: &HeaderValue) -> bool {
+    let types = accept.to_str().unwrap_or_default().split(',');
+    types
+        .filter_map(|range| range.split(';').next())
+        .any(|essence| {
+            let essence = essence.trim().to_ascii_lowercase();
+            Format::ALL
+                .iter()
+                .any(|format| format.media_type() == essence)
+        })
+}
+
+/// The problem that a failed job ended with, as the answer itself.
+fn failure(job: &Job) -> ApiError {
+    match &job.error {
+        Some(problem) => ApiError::new(Code::from_name(&problem.code), problem.detail.clone())
+            .with("job_id", job.id.as_str().into()),
+        None => ApiError::internal(format_args!("{} failed without an error", job.id)),
+    }
+}
+
+/// The job once it has ended, the time is up, or the service stops.
+async fn until_ended(app: &AppState, id: &JobId, wait: Duration) -> Result<Job> {
+    // Subscribed before the row is read: a commit in between is not missed.
+    let mut changed = app.store.changed();
+    let deadline = tokio::time::Instant::now() + wait;
+    loop {
+        changed.mark_unchanged();
+        let job = match app.store.job(id).await? {
+            Lookup::Found(job) => *job,
+            Lookup::Gone(tombstone) => return Err(ApiError::gone(&tombstone)),
+            Lookup::Missing => return Err(ApiError::not_found("job")),
+        };
+        if job.status.is_final() || app.shutdown.is_cancelled() {
+            return Ok(job);
+        }
+        tokio::select! {
+            _ = changed.changed() => tokio::time::sleep(PAUSE).await,
+            () = tokio::time::sleep(POLL) => {}
+            () = app.shutdown.cancelled() => {}
+            () = tokio::time::sleep_until(deadline) => return Ok(job),
+        }
+    }
+}
+
+/// What a GET of the job's mesh gives: the one place that encodes meshes answers.
+async fn mesh(app: &AppState, job: &Job, accept: HeaderValue) -> Result<Response> {
+    let request = Request::get(format!("{}/mesh", url(job)))
+        .header(ACCEPT, accept)
+        .body(axum::body::Body::empty())
+        .map_err(ApiError::internal)?;
+    let response = super::handlers(app.clone()).oneshot(request).await;
+    Ok(response.into_response())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_mesh_type_names_a_mesh() {
+        let names = |accept: &'static str| names_mesh(&HeaderValue::from_static(accept));
+        assert!(names("model/obj"));
+        assert!(names("application/json;q=0.1, Model/STL;q=0.9"));
+        assert!(!names("*/*"));
+        assert!(!names("application/json"));
+    }
+}

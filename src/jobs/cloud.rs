@@ -1,0 +1,50 @@
+//! An uploaded cloud as the service knows it: the bytes are a file, the rest is a row.
+
+use serde_json::Value;
+
+use super::CloudId;
+
+/// A cloud as its row has it; its bytes are the file `clouds/<sha256>` of the data folder.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cloud {
+    /// Its name.
+    pub id: CloudId,
+    /// Hash of the bytes, in lower-case hexadecimal digits.
+    pub sha256: String,
+    /// Number of bytes.
+    pub bytes: u64,
+    /// Format, by its short name (`ply`, `xyz`, …).
+    pub format: String,
+    /// Number of points that are used.
+    pub points: u64,
+    /// What the upload found: bounds, normals, labels, warnings. A JSON object.
+    pub summary: Value,
+    /// When it was first uploaded, in milliseconds since the epoch.
+    pub created_at: i64,
+}
+
+/// A cloud whose file is in place and whose row is to be written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewCloud {
+    /// Hash of the bytes, in lower-case hexadecimal digits.
+    pub sha256: String,
+    /// Number of bytes.
+    pub bytes: u64,
+    /// Format, by its short name.
+    pub format: String,
+    /// Number of points that are used.
+    pub points: u64,
+    /// What the upload found: a JSON object.
+    pub summary: Value,
+}
+
+/// What became of the wish to erase a cloud.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CloudDeletion {
+    /// The row is gone; the file may go.
+    Deleted(Cloud),
+    /// A job that has not ended needs it.
+    InUse,
+    /// There is no such cloud.
+    Missing,
+}

@@ -1,0 +1,126 @@
+//! What can go wrong with clouds, jobs and their rows, each with a stable code.
+
+use std::sync::Arc;
+
+use thiserror::Error;
+
+use super::CloudId;
+
+/// Why the store did not do what it was asked. Nothing was written.
+///
+/// It can be cloned, because all requests of a group commit that fails share its reason.
+#[derive(Debug, Clone, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// Another writer held the database for longer than the busy timeout.
+    #[error("the database is busy")]
+    Busy,
+    /// The disk is full or refuses to be written.
+    #[error("the disk is full or cannot be written: {0}")]
+    Full(String),
+    /// As many jobs as allowed wait already.
+    #[error("{limit} jobs are waiting already")]
+    QueueFull {
+        /// Most jobs that may wait.
+        limit: u64,
+    },
+    /// The job names a cloud that is not here.
+    #[error("there is no cloud {0}")]
+    CloudMissing(CloudId),
+    /// The claim is over: the job ended, was erased, or runs in another attempt.
+    #[error("the claim on the job is over")]
+    Stale,
+    /// A mesh at evaluation 0 would take the place of the result.
+    #[error("a snapshot needs an evaluation of at least 1")]
+    SnapshotAtZero,
+    /// A row holds something that this version never writes.
+    #[error("{table}.{column} holds something unexpected: {detail}")]
+    Inconsistent {
+        /// Table of the row.
+        table: &'static str,
+        /// Column of the row.
+        column: &'static str,
+        /// What is wrong with it.
+        detail: String,
+    },
+    /// The store was closed while the request waited.
+    #[error("the store is closed")]
+    Closed,
+    /// The schema cannot be brought up to date.
+    #[error("migrating the database: {0}")]
+    Migration(Arc<sqlx::migrate::MigrateError>),
+    /// The database refused an operation: a defect of ours or of the file.
+    #[error("database: {0}")]
+    Database(Arc<sqlx::Error>),
+}
+
+impl Error {
+    /// Stable `snake_case` name, the same in logs and over HTTP.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Busy => "database_busy",
+            Self::Full(_) => "insufficient_storage",
+            Self::QueueFull { .. } => "queue_full",
+            Self::CloudMissing(_) => "cloud_missing",
+            Self::Stale => "stale_attempt",
+            Self::Closed => "draining",
+            Self::SnapshotAtZero
+            | Self::Inconsistent { .. }
+            | Self::Migration(_)
+            | Self::Database(_) => "internal",
+        }
+    }
+
+    /// Whether the same request can succeed later.
+    pub fn retryable(&self) -> bool {
+        matches!(
+            self,
+            Self::Busy | Self::Full(_) | Self::QueueFull { .. } | Self::Closed
+        )
+    }
+
+    /// A column that cannot be read, for `map_err`.
+    pub(super) fn inconsistent<E: ToString>(
+        table: &'static str,
+        column: &'static str,
+    ) -> impl FnOnce(E) -> Self {
+        move |error| Self::Inconsistent {
+            table,
+            column,
+            detail: error.to_string(),
+        }
+    }
+}
+
+impl From<sqlx::Error> for Error {
+    fn from(error: sqlx::Error) -> Self {
+        // Primary result codes of SQLite; extended ones carry them in their low byte.
+        const BUSY: i32 = 5;
+        const LOCKED: i32 = 6;
+        const READONLY: i32 = 8;
+        const IOERR: i32 = 10;
+        const FULL: i32 = 13;
+        match &error {
+            sqlx::Error::PoolTimedOut => Self::Busy,
+            sqlx::Error::PoolClosed | sqlx::Error::WorkerCrashed => Self::Closed,
+            sqlx::Error::Database(database) => {
+                let code = database
+                    .code()
+                    .and_then(|code| code.parse::<i32>().ok())
+                    .map(|code| code & 0xff);
+                match code {
+                    Some(BUSY | LOCKED) => Self::Busy,
+                    Some(FULL | IOERR | READONLY) => Self::Full(database.message().to_owned()),
+                    _ => Self::Database(Arc::new(error)),
+                }
+            }
+            _ => Self::Database(Arc::new(error)),
+        }
+    }
+}
+
+impl From<sqlx::migrate::MigrateError> for Error {
+    fn from(error: sqlx::migrate::MigrateError) -> Self {
+        Self::Migration(Arc::new(error))
+    }
+}

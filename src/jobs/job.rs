@@ -1,0 +1,249 @@
+//! A job: what it is, the states of its life, and the legal ways between them.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::attempt::{FailureReason, Problem};
+use super::{CloudId, JobId};
+use crate::reconstruction::{Phase, Preset, Settings};
+
+/// Where a job stands.
+///
+/// ```text
+/// queued --claim--> running --succeed--> succeeded
+///   |  <--release,     |  |--fail,
+///   |   failed attempt-|  |  third failed attempt--> failed
+///   |                  `--cancel-------------------> cancelled
+///   `--cancel--------------------------------------> cancelled
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// Waits for a worker.
+    Queued,
+    /// A worker holds it by a lease.
+    Running,
+    /// Has a mesh and a report.
+    Succeeded,
+    /// Has an error.
+    Failed,
+    /// Was cancelled.
+    Cancelled,
+}
+
+impl Status {
+    /// All of them, in the order of a job's life.
+    pub const ALL: [Self; 5] = [
+        Self::Queued,
+        Self::Running,
+        Self::Succeeded,
+        Self::Failed,
+        Self::Cancelled,
+    ];
+
+    /// Its name in the database, in JSON and in metrics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Succeeded => "succeeded",
+            Self::Failed => "failed",
+            Self::Cancelled => "cancelled",
+        }
+    }
+
+    /// The status of the given name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|status| status.name() == name)
+    }
+
+    /// Whether nothing can follow.
+    pub fn is_final(self) -> bool {
+        matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
+    }
+
+    /// Whether `next` may follow: the arrows of the picture above.
+    pub fn may_become(self, next: Self) -> bool {
+        match self {
+            Self::Queued => matches!(next, Self::Running | Self::Cancelled),
+            Self::Running => next != Self::Running,
+            Self::Succeeded | Self::Failed | Self::Cancelled => false,
+        }
+    }
+}
+
+impl fmt::Display for Status {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A job as its row has it. Times are milliseconds since the epoch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Job {
+    /// Its name.
+    pub id: JobId,
+    /// The cloud it reconstructs; a job that has ended may outlive its cloud.
+    pub cloud_id: CloudId,
+    /// Where it stands.
+    pub status: Status,
+    /// Stage of the present or last attempt; none before the first one reports it.
+    pub phase: Option<Phase>,
+    /// Preset that the settings started from.
+    pub preset: Preset,
+    /// Complete settings.
+    pub settings: Settings,
+    /// The client's own marks.
+    pub labels: BTreeMap<String, String>,
+    /// The job of which this is a retry.
+    pub derived_from: Option<JobId>,
+    /// When it was submitted.
+    pub created_at: i64,
+    /// When its first attempt began.
+    pub started_at: Option<i64>,
+    /// When it reached its final state.
+    pub finished_at: Option<i64>,
+    /// Number of the present or last attempt, 0 before the first: the fence of every write.
+    pub attempt: i64,
+    /// Attempts that failed; a release is none.
+    pub failures: i64,
+    /// Why the last failed attempt failed.
+    pub failure_reason: Option<FailureReason>,
+    /// Who holds it while it runs.
+    pub worker: Option<String>,
+    /// Until when it is held while it runs.
+    pub lease_until: Option<i64>,
+    /// Whether a client wants it to end.
+    pub cancel_requested: bool,
+    /// Share of the work that is done, 0 to 1.
+    pub progress: f64,
+    /// Estimated seconds to the end of a running job.
+    pub eta_seconds: Option<f64>,
+    /// Evaluations of loss and gradient so far.
+    pub evaluations: u64,
+    /// Last training loss.
+    pub loss: Option<f64>,
+    /// Why it failed, if it did.
+    pub error: Option<Problem>,
+    /// The quality report, if it succeeded.
+    pub report: Option<Value>,
+    /// Id of its newest event; ids start at 1 and have no gap.
+    pub events: i64,
+    /// Number of its metric rows.
+    pub metrics: i64,
+}
+
+/// What a client asks for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewJob {
+    /// The cloud to reconstruct.
+    pub cloud_id: CloudId,
+    /// Preset that the settings started from.
+    pub preset: Preset,
+    /// Complete settings.
+    pub settings: Settings,
+    /// The client's own marks.
+    pub labels: BTreeMap<String, String>,
+    /// The job of which this is a retry.
+    pub derived_from: Option<JobId>,
+}
+
+/// Which jobs a list shows; `None` asks for no restriction.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct JobFilter {
+    /// Only jobs in this state.
+    pub status: Option<Status>,
+    /// Only jobs of this cloud.
+    pub cloud_id: Option<CloudId>,
+    /// Only jobs that carry this label with this value.
+    pub label: Option<(String, String)>,
+    /// Only jobs submitted later than this, in milliseconds since the epoch.
+    pub created_after: Option<i64>,
+}
+
+/// What is known about a job's name.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Lookup {
+    /// It is here.
+    Found(Box<Job>),
+    /// It was here and was erased.
+    Gone(Tombstone),
+    /// It never was here.
+    Missing,
+}
+
+impl Lookup {
+    /// The job, if it is here.
+    pub fn found(self) -> Option<Job> {
+        match self {
+            Self::Found(job) => Some(*job),
+            Self::Gone(_) | Self::Missing => None,
+        }
+    }
+}
+
+/// What stays of an erased job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Tombstone {
+    /// Its name.
+    pub job_id: JobId,
+    /// When it was erased, in milliseconds since the epoch.
+    pub deleted_at: i64,
+    /// Why: `deleted` by a client, or `expired`.
+    pub reason: String,
+}
+
+/// Number of jobs in each state.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Counts(BTreeMap<Status, u64>);
+
+impl Counts {
+    /// Number of jobs in the given state.
+    pub fn get(&self, status: Status) -> u64 {
+        self.0.get(&status).copied().unwrap_or(0)
+    }
+}
+
+impl FromIterator<(Status, u64)> for Counts {
+    fn from_iter<I: IntoIterator<Item = (Status, u64)>>(counts: I) -> Self {
+        Self(counts.into_iter().collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_ways_of_the_picture_are_legal() {
+        use Status::{Cancelled, Failed, Queued, Running, Succeeded};
+        let legal = [
+            (Queued, Running),
+            (Queued, Cancelled),
+            (Running, Queued),
+            (Running, Succeeded),
+            (Running, Failed),
+            (Running, Cancelled),
+        ];
+        for from in Status::ALL {
+            for to in Status::ALL {
+                assert_eq!(
+                    from.may_become(to),
+                    legal.contains(&(from, to)),
+                    "{from} {to}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn names_are_those_of_json() {
+        for status in Status::ALL {
+            assert_eq!(serde_json::to_value(status).unwrap(), status.name());
+            assert_eq!(Status::from_name(status.name()), Some(status));
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! A job's life: what work exists, in which state it is, and who runs it.
+//!
+//! The decisions, each with its reason:
+//!
+//! - **The database is the truth, signals only wake.** Events, progress and metrics are rows with
+//!   an id, read past the reader's last one; so resuming, joining late, lagging behind and starting
+//!   again are one way through the code. A lost wake-up costs at most a poll.
+//! - **Training runs in worker processes** that open the same database: libtorch can abort or be
+//!   killed for memory, and a blocked thread cannot be cancelled.
+//! - **Leases with a fence.** A claim raises `jobs.attempt` by one, and every write of a worker
+//!   names the attempt and must change one row of a running job. A worker that was stopped and
+//!   wakes after its lease can write nothing: it gets [`Error::Stale`].
+//! - **A job ends in one transaction**: mesh, report, model, last metrics, event and status
+//!   together, or nothing. Event ids are `jobs.events + 1`, taken in the transaction that writes
+//!   the event: no gap and no repeat, over attempts and restarts.
+//! - **`SQLite`, one writer a process.** The write-ahead log lets readers go on while one writes.
+//!   Write transactions start IMMEDIATE: a deferred one that reads and then writes fails at once
+//!   under contention, whatever the busy timeout. `synchronous=FULL`, because with NORMAL the last
+//!   commits can be lost with the power although they were answered.
+//! - **Group commit.** A durable commit costs a flush of the disk, some milliseconds. The writer
+//!   takes all requests that wait, runs each in its own savepoint, and commits them together; an
+//!   answer is given only after that commit.
+//! - **No transaction is held while training**, nor over a wait for a client: on `SQLite` the first
+//!   stops every writer, the second keeps the log from being checkpointed.
+//! - **SQL lives in [`store`] only**, and the clock is an argument of the store.
+
+mod attempt;
+pub mod clock;
+mod cloud;
+mod error;
+mod id;
+mod job;
+pub mod store;
+pub mod supervisor;
+pub mod worker;
+
+pub use attempt::{
+    Claim, FailureReason, Fault, Lease, NewEvent, NewMesh, Problem, Record, Success,
+};
+pub use cloud::{Cloud, CloudDeletion, NewCloud};
+pub use error::Error;
+pub use id::{CloudId, InvalidId, JobId};
+pub use job::{Counts, Job, JobFilter, Lookup, NewJob, Status, Tombstone};
+pub use store::{
+    Checkpoint, Event, Idempotency, IdempotencyState, MeshInfo, Options, Store, StoredResponse,
+};
+
+pub use supervisor::{Supervisor, Workers};
+pub use worker::Worker;
+
+/// Result of the room.
+pub type Result<T> = std::result::Result<T, Error>;

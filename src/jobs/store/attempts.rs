@@ -1,0 +1,164 @@
+//! What a worker writes while it holds a job, and the one transaction that makes it a success.
+
+use serde_json::json;
+
+use super::Store;
+use super::outcome::{Fence, Outcome};
+use super::row::integer;
+use super::writer::Transaction;
+use crate::jobs::{Claim, Error, JobId, NewMesh, Record, Result, Success};
+use crate::reconstruction::Phase;
+
+impl Store {
+    /// Writes progress, events, metrics and histograms together, or nothing.
+    ///
+    /// # Errors
+    /// `Stale`, and as every write: `Busy`, `Full`, `Closed`, `Database`.
+    pub async fn record(&self, claim: &Claim, record: Record) -> Result<()> {
+        let (id, attempt) = (claim.job.id.clone(), claim.attempt);
+        self.write(move |mut tx| Box::pin(async move { tx.record(&id, attempt, &record).await }))
+            .await
+    }
+
+    /// Writes the surface at an evaluation, in the place of an earlier one at the same evaluation,
+    /// and the event `job.snapshot`.
+    ///
+    /// # Errors
+    /// `SnapshotAtZero`, `Stale`, and as every write.
+    pub async fn put_snapshot(&self, claim: &Claim, evaluation: u64, mesh: NewMesh) -> Result<()> {
+        if evaluation == 0 {
+            return Err(Error::SnapshotAtZero);
+        }
+        let (id, attempt) = (claim.job.id.clone(), claim.attempt);
+        self.write(move |mut tx| {
+            Box::pin(async move {
+                tx.held(&id, attempt).await?;
+                tx.put_mesh(&id, evaluation, &mesh).await?;
+                let data = json!({
+                    "evaluation": evaluation,
+                    "vertices": mesh.vertices,
+                    "triangles": mesh.triangles,
+                    "bytes": mesh.data.len(),
+                });
+                tx.append_event(&id, "job.snapshot", &data).await
+            })
+        })
+        .await
+    }
+
+    /// Ends the job with its result: mesh, report, model, last metrics, event and status in one
+    /// transaction. A cancellation that was asked for meanwhile has lost the race.
+    ///
+    /// # Errors
+    /// `Stale`, and as every write; the job runs on as it was then.
+    pub async fn succeed(&self, claim: &Claim, success: Success) -> Result<()> {
+        let (id, attempt) = (claim.job.id.clone(), claim.attempt);
+        self.write(move |mut tx| {
+            Box::pin(async move {
+                let Success {
+                    mesh,
+                    report,
+                    model,
+                    last,
+                } = success;
+                tx.record(&id, attempt, &last).await?;
+                tx.put_mesh(&id, 0, &mesh).await?;
+                tx.put_model(&id, &model).await?;
+                let sizes = json!({
+                    "vertices": mesh.vertices,
+                    "triangles": mesh.triangles,
+                    "bytes": mesh.data.len(),
+                });
+                let outcome = Outcome::Succeeded { report, sizes };
+                tx.leave(Fence::running(&id, attempt), outcome).await
+            })
+        })
+        .await
+    }
+}
+
+impl Transaction<'_> {
+    async fn record(&mut self, id: &JobId, attempt: i64, record: &Record) -> Result<()> {
+        // COALESCE keeps what is there: SQLite takes a number that is not one as NULL, too.
+        let found: Option<(i64, i64)> = sqlx::query_as(
+            "UPDATE jobs SET phase = COALESCE(?3, phase), progress = COALESCE(?4, progress),
+                 eta_seconds = COALESCE(?5, eta_seconds), evaluations = COALESCE(?6, evaluations),
+                 loss = COALESCE(?7, loss)
+             WHERE id = ?1 AND attempt = ?2 AND status = 'running'
+             RETURNING events, metrics",
+        )
+        .bind(id.as_str())
+        .bind(attempt)
+        .bind(record.phase.map(phase_name))
+        .bind(record.progress)
+        .bind(record.eta_seconds)
+        .bind(record.evaluations.map(integer))
+        .bind(record.loss)
+        .fetch_optional(&mut *self.db)
+        .await?;
+        let (mut events, metrics) = found.ok_or(Error::Stale)?;
+        for event in &record.events {
+            let repeats = matches!(event.event.as_str(), "job.progress" | "training.metrics");
+            if repeats && events >= self.options.events_limit {
+                continue;
+            }
+            self.append_event(id, &event.event, &event.data).await?;
+            events += 1;
+        }
+        self.insert_metrics(id, metrics, &record.metrics).await?;
+        self.insert_gradients(id, &record.gradients).await
+    }
+
+    /// Erases what an earlier attempt wrote after its last checkpoint, or all of it without one.
+    pub(super) async fn forget_after_checkpoint(&mut self, id: &JobId) -> Result<()> {
+        let evaluation: i64 =
+            sqlx::query_scalar("SELECT evaluation FROM checkpoints WHERE job_id = ?1")
+                .bind(id.as_str())
+                .fetch_optional(&mut *self.db)
+                .await?
+                .unwrap_or(0);
+        for statement in [
+            "DELETE FROM metrics WHERE job_id = ?1 AND evaluation > ?2",
+            "DELETE FROM gradients WHERE job_id = ?1 AND evaluation > ?2",
+            "DELETE FROM mesh_chunks WHERE mesh_id IN
+                 (SELECT id FROM meshes WHERE job_id = ?1 AND evaluation > ?2)",
+            "DELETE FROM meshes WHERE job_id = ?1 AND evaluation > ?2",
+            "UPDATE jobs SET evaluations = ?2,
+                 metrics = (SELECT COUNT(*) FROM metrics WHERE job_id = ?1) WHERE id = ?1",
+        ] {
+            sqlx::query(statement)
+                .bind(id.as_str())
+                .bind(evaluation)
+                .execute(&mut *self.db)
+                .await?;
+        }
+        Ok(())
+    }
+}
+
+/// Its name in the database: the same as in JSON.
+fn phase_name(phase: Phase) -> &'static str {
+    match phase {
+        Phase::Sampling => "sampling",
+        Phase::Training => "training",
+        Phase::Surface => "surface",
+        Phase::Report => "report",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn phases_are_named_as_in_json() {
+        for phase in [
+            Phase::Sampling,
+            Phase::Training,
+            Phase::Surface,
+            Phase::Report,
+        ] {
+            assert_eq!(serde_json::to_value(phase).unwrap(), phase_name(phase));
+        }
+    }
+}

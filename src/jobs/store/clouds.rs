@@ -1,0 +1,135 @@
+//! Rows of uploaded clouds. The files are the caller's: in place before the row, removed after it.
+
+use sqlx::sqlite::SqliteRow;
+
+use super::Store;
+use super::row::{Columns, integer, to_json};
+use crate::jobs::{Cloud, CloudDeletion, CloudId, NewCloud, Result};
+
+impl Store {
+    /// Writes a cloud's row, or finds the one with the same bytes; whether it was written.
+    ///
+    /// # Errors
+    /// As every write: `Busy`, `Full`, `Closed`, `Database`.
+    pub async fn insert_cloud(&self, new: NewCloud) -> Result<(Cloud, bool)> {
+        self.write(move |tx| {
+            Box::pin(async move {
+                let inserted = sqlx::query(
+                    "INSERT INTO clouds (id, sha256, bytes, format, points, summary, created_at)
+                     VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7) ON CONFLICT (sha256) DO NOTHING",
+                )
+                .bind(CloudId::new().as_str())
+                .bind(&new.sha256)
+                .bind(integer(new.bytes))
+                .bind(&new.format)
+                .bind(integer(new.points))
+                .bind(to_json(&new.summary))
+                .bind(tx.now)
+                .execute(&mut *tx.db)
+                .await?;
+                let row = sqlx::query("SELECT * FROM clouds WHERE sha256 = ?1")
+                    .bind(&new.sha256)
+                    .fetch_one(&mut *tx.db)
+                    .await?;
+                Ok((cloud_of(&row)?, inserted.rows_affected() == 1))
+            })
+        })
+        .await
+    }
+
+    /// The cloud of the given name.
+    ///
+    /// # Errors
+    /// As every read: `Busy`, `Closed`, `Inconsistent`, `Database`.
+    pub async fn cloud(&self, id: &CloudId) -> Result<Option<Cloud>> {
+        let row = sqlx::query("SELECT * FROM clouds WHERE id = ?1")
+            .bind(id.as_str())
+            .fetch_optional(self.readers())
+            .await?;
+        row.as_ref().map(cloud_of).transpose()
+    }
+
+    /// The cloud with the given bytes.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn cloud_by_sha256(&self, sha256: &str) -> Result<Option<Cloud>> {
+        let row = sqlx::query("SELECT * FROM clouds WHERE sha256 = ?1")
+            .bind(sha256)
+            .fetch_optional(self.readers())
+            .await?;
+        row.as_ref().map(cloud_of).transpose()
+    }
+
+    /// A page of clouds, newest first; `before` is the last one of the page before it.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn list_clouds(&self, before: Option<&CloudId>, limit: u32) -> Result<Vec<Cloud>> {
+        sqlx::query("SELECT * FROM clouds WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2")
+            .bind(before.map(CloudId::as_str))
+            .bind(limit)
+            .fetch_all(self.readers())
+            .await?
+            .iter()
+            .map(cloud_of)
+            .collect()
+    }
+
+    /// Erases a cloud's row unless a job that has not ended needs it. Jobs that have ended keep its
+    /// name.
+    ///
+    /// # Errors
+    /// As every write.
+    pub async fn delete_cloud(&self, id: &CloudId) -> Result<CloudDeletion> {
+        let id = id.clone();
+        self.write(move |tx| {
+            Box::pin(async move {
+                let in_use: bool = sqlx::query_scalar(
+                    "SELECT EXISTS (SELECT 1 FROM jobs
+                     WHERE cloud_id = ?1 AND status IN ('queued', 'running'))",
+                )
+                .bind(id.as_str())
+                .fetch_one(&mut *tx.db)
+                .await?;
+                if in_use {
+                    return Ok(CloudDeletion::InUse);
+                }
+                let deleted = sqlx::query("DELETE FROM clouds WHERE id = ?1 RETURNING *")
+                    .bind(id.as_str())
+                    .fetch_optional(&mut *tx.db)
+                    .await?;
+                Ok(match deleted {
+                    Some(row) => CloudDeletion::Deleted(cloud_of(&row)?),
+                    None => CloudDeletion::Missing,
+                })
+            })
+        })
+        .await
+    }
+
+    /// The hashes of all clouds: a file with another name is an orphan.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn sha256s(&self) -> Result<Vec<String>> {
+        Ok(
+            sqlx::query_scalar("SELECT sha256 FROM clouds ORDER BY sha256")
+                .fetch_all(self.readers())
+                .await?,
+        )
+    }
+}
+
+fn cloud_of(row: &SqliteRow) -> Result<Cloud> {
+    let columns = Columns::new("clouds", row);
+    Ok(Cloud {
+        id: columns.parsed("id")?,
+        sha256: columns.get("sha256")?,
+        bytes: columns.count("bytes")?,
+        format: columns.get("format")?,
+        points: columns.count("points")?,
+        summary: columns.json("summary")?,
+        created_at: columns.get("created_at")?,
+    })
+}

@@ -1,0 +1,116 @@
+//! Events: what happened to each job, in order.
+
+use serde_json::Value;
+use sqlx::sqlite::SqliteRow;
+
+use super::Store;
+use super::row::{Columns, to_json};
+use super::writer::Transaction;
+use crate::jobs::{JobId, Result};
+
+/// Something that happened to a job.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Event {
+    /// Place among the events of all jobs; grows, with gaps.
+    pub seq: i64,
+    /// The job.
+    pub job_id: JobId,
+    /// Place among the events of the job: 1, 2, 3, … without a gap.
+    pub id: i64,
+    /// Kind: `job.queued`, `training.metrics`, ….
+    pub event: String,
+    /// When it was written, in milliseconds since the epoch.
+    pub time: i64,
+    /// Attempt during or after which it happened; 0 before the first.
+    pub attempt: i64,
+    /// What the kind carries: a JSON object.
+    pub data: Value,
+}
+
+impl Store {
+    /// Events of a job after the given id, oldest first.
+    ///
+    /// # Errors
+    /// As every read: `Busy`, `Closed`, `Inconsistent`, `Database`.
+    pub async fn events_after(&self, id: &JobId, after: i64, limit: u32) -> Result<Vec<Event>> {
+        sqlx::query("SELECT * FROM events WHERE job_id = ?1 AND id > ?2 ORDER BY id LIMIT ?3")
+            .bind(id.as_str())
+            .bind(after)
+            .bind(limit)
+            .fetch_all(self.readers())
+            .await?
+            .iter()
+            .map(event_of)
+            .collect()
+    }
+
+    /// Events of all jobs after the given place, oldest first.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn all_events_after(&self, seq: i64, limit: u32) -> Result<Vec<Event>> {
+        sqlx::query("SELECT * FROM events WHERE seq > ?1 ORDER BY seq LIMIT ?2")
+            .bind(seq)
+            .bind(limit)
+            .fetch_all(self.readers())
+            .await?
+            .iter()
+            .map(event_of)
+            .collect()
+    }
+
+    /// Place of the newest event that is here; 0 when there is none.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn last_seq(&self) -> Result<i64> {
+        Ok(
+            sqlx::query_scalar("SELECT COALESCE(MAX(seq), 0) FROM events")
+                .fetch_one(self.readers())
+                .await?,
+        )
+    }
+}
+
+impl Transaction<'_> {
+    /// Writes the next event of a job that is known to be here.
+    pub(super) async fn append_event(
+        &mut self,
+        id: &JobId,
+        event: &str,
+        data: &Value,
+    ) -> Result<()> {
+        let (number, attempt): (i64, i64) = sqlx::query_as(
+            "UPDATE jobs SET events = events + 1 WHERE id = ?1 RETURNING events, attempt",
+        )
+        .bind(id.as_str())
+        .fetch_one(&mut *self.db)
+        .await?;
+        sqlx::query(
+            "INSERT INTO events (job_id, id, event, time, attempt, data)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+        )
+        .bind(id.as_str())
+        .bind(number)
+        .bind(event)
+        .bind(self.now)
+        .bind(attempt)
+        .bind(to_json(data))
+        .execute(&mut *self.db)
+        .await?;
+        Ok(())
+    }
+}
+
+fn event_of(row: &SqliteRow) -> Result<Event> {
+    let columns = Columns::new("events", row);
+    Ok(Event {
+        seq: columns.get("seq")?,
+        job_id: columns.parsed("job_id")?,
+        id: columns.get("id")?,
+        event: columns.get("event")?,
+        time: columns.get("time")?,
+        attempt: columns.get("attempt")?,
+        data: columns.json("data")?,
+    })
+}

@@ -1,0 +1,204 @@
+//! Answers that are given again when a request is repeated with the same key.
+//!
+//! A request first begins its key; the row without an answer keeps a second one off. The answer to
+//! a submitted job is written in the job's own transaction: were it a later one, a crash in between
+//! would make the repeated request submit a second job.
+
+use super::Store;
+use super::row::{Columns, to_json};
+use super::writer::Transaction;
+use crate::jobs::{Error, Job, Result};
+
+/// Makes [`Store::submit`] keep its answer under a key that was begun.
+pub struct Idempotency {
+    /// The client's key.
+    pub key: String,
+    /// Method and route.
+    pub scope: String,
+    /// Writes the answer; called once, in the transaction that writes the job.
+    pub respond: Box<dyn FnOnce(&Job) -> StoredResponse + Send>,
+}
+
+/// An answer as it is given again.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StoredResponse {
+    /// HTTP status.
+    pub status: u16,
+    /// Names and values of the headers that belong to the answer.
+    pub headers: Vec<(String, String)>,
+    /// Body.
+    pub body: Vec<u8>,
+}
+
+/// What is known about a key.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum IdempotencyState {
+    /// Nothing: it is begun now, and must be completed or abandoned.
+    New,
+    /// The same request was answered so.
+    Replay(StoredResponse),
+    /// The same request is being worked on.
+    InFlight,
+    /// Another request has used the key.
+    Mismatch,
+}
+
+impl Store {
+    /// Begins a key for a request with the given hash, or tells what is known about it.
+    ///
+    /// # Errors
+    /// As every write: `Busy`, `Full`, `Closed`, `Inconsistent`, `Database`.
+    pub async fn idempotency_begin(
+        &self,
+        key: &str,
+        scope: &str,
+        request_sha256: &str,
+    ) -> Result<IdempotencyState> {
+        let (key, scope) = (key.to_owned(), scope.to_owned());
+        let request_sha256 = request_sha256.to_owned();
+        self.write(move |tx| {
+            Box::pin(async move {
+                let begun = sqlx::query(
+                    "INSERT INTO idempotency (key, scope, request_sha256, created_at)
+                     VALUES (?1, ?2, ?3, ?4) ON CONFLICT (key, scope) DO NOTHING",
+                )
+                .bind(&key)
+                .bind(&scope)
+                .bind(&request_sha256)
+                .bind(tx.now)
+                .execute(&mut *tx.db)
+                .await?;
+                if begun.rows_affected() == 1 {
+                    return Ok(IdempotencyState::New);
+                }
+                let row = sqlx::query("SELECT * FROM idempotency WHERE key = ?1 AND scope = ?2")
+                    .bind(&key)
+                    .bind(&scope)
+                    .fetch_one(&mut *tx.db)
+                    .await?;
+                let columns = Columns::new("idempotency", &row);
+                if columns.get::<String>("request_sha256")? != request_sha256 {
+                    return Ok(IdempotencyState::Mismatch);
+                }
+                let Some(status) = columns.get::<Option<i64>>("status")? else {
+                    return Ok(IdempotencyState::InFlight);
+                };
+                Ok(IdempotencyState::Replay(StoredResponse {
+                    status: u16::try_from(status)
+                        .map_err(Error::inconsistent("idempotency", "status"))?,
+                    headers: columns.json("headers")?,
+                    body: columns.get("body")?,
+                }))
+            })
+        })
+        .await
+    }
+
+    /// Keeps the answer to a request that was begun and made no job.
+    ///
+    /// # Errors
+    /// `Stale` if the key is not in flight, and as every write.
+    pub async fn idempotency_complete(
+        &self,
+        key: &str,
+        scope: &str,
+        response: StoredResponse,
+    ) -> Result<()> {
+        let (key, scope) = (key.to_owned(), scope.to_owned());
+        self.write(move |mut tx| {
+            Box::pin(async move { tx.complete(&key, &scope, None, &response).await })
+        })
+        .await
+    }
+
+    /// Forgets a request that was begun and came to nothing, so that it can be tried again.
+    ///
+    /// # Errors
+    /// As every write.
+    pub async fn idempotency_abandon(&self, key: &str, scope: &str) -> Result<()> {
+        let (key, scope) = (key.to_owned(), scope.to_owned());
+        self.write(move |tx| {
+            Box::pin(async move {
+                sqlx::query(
+                    "DELETE FROM idempotency WHERE key = ?1 AND scope = ?2 AND status IS NULL",
+                )
+                .bind(key)
+                .bind(scope)
+                .execute(tx.db)
+                .await?;
+                Ok(())
+            })
+        })
+        .await
+    }
+
+    /// Forgets all requests in flight, and tells how many: at a server's start they are those that
+    /// died with the last one.
+    ///
+    /// # Errors
+    /// As every write.
+    pub async fn idempotency_abandon_all(&self) -> Result<u64> {
+        self.write(|tx| {
+            Box::pin(async move {
+                let deleted = sqlx::query("DELETE FROM idempotency WHERE status IS NULL")
+                    .execute(tx.db)
+                    .await?;
+                Ok(deleted.rows_affected())
+            })
+        })
+        .await
+    }
+
+    /// Forgets all keys begun before the given time (milliseconds since the epoch), and tells how
+    /// many.
+    ///
+    /// # Errors
+    /// As every write.
+    pub async fn idempotency_prune(&self, before: i64) -> Result<u64> {
+        self.write(move |tx| {
+            Box::pin(async move {
+                let deleted = sqlx::query("DELETE FROM idempotency WHERE created_at < ?1")
+                    .bind(before)
+                    .execute(tx.db)
+                    .await?;
+                Ok(deleted.rows_affected())
+            })
+        })
+        .await
+    }
+}
+
+impl Transaction<'_> {
+    /// Keeps the answer to the submission of a job.
+    pub(super) async fn keep_answer(&mut self, asked: Idempotency, job: &Job) -> Result<()> {
+        let response = (asked.respond)(job);
+        self.complete(&asked.key, &asked.scope, Some(job), &response)
+            .await
+    }
+
+    async fn complete(
+        &mut self,
+        key: &str,
+        scope: &str,
+        job: Option<&Job>,
+        response: &StoredResponse,
+    ) -> Result<()> {
+        let completed = sqlx::query(
+            "UPDATE idempotency SET status = ?3, headers = ?4, body = ?5, job_id = ?6
+             WHERE key = ?1 AND scope = ?2 AND status IS NULL",
+        )
+        .bind(key)
+        .bind(scope)
+        .bind(i64::from(response.status))
+        .bind(to_json(&response.headers))
+        .bind(response.body.as_slice())
+        .bind(job.map(|job| job.id.as_str()))
+        .execute(&mut *self.db)
+        .await?;
+        if completed.rows_affected() == 1 {
+            Ok(())
+        } else {
+            Err(Error::Stale)
+        }
+    }
+}

@@ -1,0 +1,332 @@
+//! Jobs as clients see them: submitted, found, listed, cancelled, erased.
+
+use serde_json::json;
+use sqlx::sqlite::{Sqlite, SqliteRow};
+use sqlx::{Executor, Row};
+
+use super::Store;
+use super::idempotency::Idempotency;
+use super::outcome::{Fence, Outcome};
+use super::row::{Columns, to_json};
+use super::writer::Transaction;
+use crate::jobs::{
+    CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewJob, Result, Status, Tombstone,
+};
+
+impl Store {
+    /// Puts a job into the queue, writes its `job.queued` event and, under the client's key, the
+    /// answer; all in one transaction. An answer means that the job is on disk.
+    ///
+    /// # Errors
+    /// `QueueFull`, `CloudMissing`, and as every write: `Busy`, `Full`, `Closed`, `Database`.
+    pub async fn submit(&self, new: NewJob, idempotency: Option<Idempotency>) -> Result<Job> {
+        self.write(move |mut tx| {
+            Box::pin(async move {
+                let job = tx.insert_job(&new).await?;
+                if let Some(idempotency) = idempotency {
+                    tx.keep_answer(idempotency, &job).await?;
+                }
+                Ok(job)
+            })
+        })
+        .await
+    }
+
+    /// What is known about the name of a job.
+    ///
+    /// # Errors
+    /// As every read: `Busy`, `Closed`, `Inconsistent`, `Database`.
+    pub async fn job(&self, id: &JobId) -> Result<Lookup> {
+        // A job that is erased between the two reads has its tombstone: both are one transaction.
+        match find_job(self.readers(), id).await? {
+            Some(job) => Ok(Lookup::Found(Box::new(job))),
+            None => find_tombstone(self.readers(), id).await,
+        }
+    }
+
+    /// Place of a waiting job in the queue, 1 for the next one; none when it does not wait.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn queue_position(&self, id: &JobId) -> Result<Option<u64>> {
+        position(self.readers(), id).await
+    }
+
+    /// A page of jobs, newest first; `before` is the last one of the page before it.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn list_jobs(
+        &self,
+        filter: &JobFilter,
+        before: Option<&JobId>,
+        limit: u32,
+    ) -> Result<Vec<Job>> {
+        let (label, value) = filter
+            .label
+            .as_ref()
+            .map(|(k, v)| (k.as_str(), v.as_str()))
+            .unzip();
+        sqlx::query(
+            "SELECT * FROM jobs
+             WHERE (?1 IS NULL OR id < ?1)
+               AND (?2 IS NULL OR status = ?2)
+               AND (?3 IS NULL OR cloud_id = ?3)
+               AND (?4 IS NULL OR created_at > ?4)
+               AND (?5 IS NULL OR EXISTS (SELECT 1 FROM json_each(jobs.labels)
+                                          WHERE key = ?5 AND value = ?6))
+             ORDER BY id DESC LIMIT ?7",
+        )
+        .bind(before.map(JobId::as_str))
+        .bind(filter.status.map(Status::name))
+        .bind(filter.cloud_id.as_ref().map(CloudId::as_str))
+        .bind(filter.created_after)
+        .bind(label)
+        .bind(value)
+        .bind(limit)
+        .fetch_all(self.readers())
+        .await?
+        .iter()
+        .map(job_of)
+        .collect()
+    }
+
+    /// Asks a job to end: a waiting one is cancelled at once, a running one is marked for its
+    /// worker, one that has ended stays as it is. The answer is the job afterwards.
+    ///
+    /// # Errors
+    /// As every write.
+    pub async fn request_cancel(&self, id: &JobId) -> Result<Lookup> {
+        let id = id.clone();
+        self.write(move |mut tx| {
+            Box::pin(async move {
+                let Some(job) = find_job(&mut *tx.db, &id).await? else {
+                    return find_tombstone(&mut *tx.db, &id).await;
+                };
+                if job.status.is_final() {
+                    return Ok(Lookup::Found(Box::new(job)));
+                }
+                sqlx::query("UPDATE jobs SET cancel_requested = 1 WHERE id = ?1")
+                    .bind(id.as_str())
+                    .execute(&mut *tx.db)
+                    .await?;
+                if job.status == Status::Queued {
+                    tx.leave(Fence::of(&job), Outcome::Cancelled).await?;
+                }
+                Ok(Lookup::Found(Box::new(tx.load_job(&id).await?)))
+            })
+        })
+        .await
+    }
+
+    /// Erases a job in whatever state, with everything that belongs to it, and leaves a tombstone;
+    /// a worker that runs it finds its claim lost. The answer is what was known before.
+    ///
+    /// # Errors
+    /// As every write.
+    pub async fn delete_job(&self, id: &JobId, reason: &'static str) -> Result<Lookup> {
+        let id = id.clone();
+        self.write(move |tx| {
+            Box::pin(async move {
+                let Some(job) = find_job(&mut *tx.db, &id).await? else {
+                    return find_tombstone(&mut *tx.db, &id).await;
+                };
+                // Foreign keys are enforced: a table that were forgotten here would refuse it.
+                for statement in [
+                    "DELETE FROM mesh_chunks
+                     WHERE mesh_id IN (SELECT id FROM meshes WHERE job_id = ?1)",
+                    "DELETE FROM meshes WHERE job_id = ?1",
+                    "DELETE FROM models WHERE job_id = ?1",
+                    "DELETE FROM checkpoints WHERE job_id = ?1",
+                    "DELETE FROM metrics WHERE job_id = ?1",
+                    "DELETE FROM gradients WHERE job_id = ?1",
+                    "DELETE FROM events WHERE job_id = ?1",
+                    "DELETE FROM idempotency WHERE job_id = ?1",
+                    "DELETE FROM jobs WHERE id = ?1",
+                ] {
+                    sqlx::query(statement)
+                        .bind(id.as_str())
+                        .execute(&mut *tx.db)
+                        .await?;
+                }
+                sqlx::query(
+                    "INSERT INTO tombstones (job_id, deleted_at, reason) VALUES (?1, ?2, ?3)",
+                )
+                .bind(id.as_str())
+                .bind(tx.now)
+                .bind(reason)
+                .execute(&mut *tx.db)
+                .await?;
+                Ok(Lookup::Found(Box::new(job)))
+            })
+        })
+        .await
+    }
+
+    /// Jobs that ended before the given time, longest ago first: what a retention erases.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn finished_before(&self, time: i64, limit: u32) -> Result<Vec<JobId>> {
+        sqlx::query("SELECT id FROM jobs WHERE finished_at < ?1 ORDER BY finished_at, id LIMIT ?2")
+            .bind(time)
+            .bind(limit)
+            .fetch_all(self.readers())
+            .await?
+            .iter()
+            .map(|row| Columns::new("jobs", row).parsed("id"))
+            .collect()
+    }
+
+    /// Number of jobs in each state.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn counts(&self) -> Result<Counts> {
+        sqlx::query("SELECT status, COUNT(*) AS jobs FROM jobs GROUP BY status")
+            .fetch_all(self.readers())
+            .await?
+            .iter()
+            .map(|row| {
+                let columns = Columns::new("jobs", row);
+                Ok((status_of(columns)?, columns.count("jobs")?))
+            })
+            .collect()
+    }
+
+    /// When the job that has waited longest was submitted, in milliseconds since the epoch.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn oldest_queued(&self) -> Result<Option<i64>> {
+        Ok(
+            sqlx::query_scalar("SELECT MIN(created_at) FROM jobs WHERE status = 'queued'")
+                .fetch_one(self.readers())
+                .await?,
+        )
+    }
+}
+
+impl Transaction<'_> {
+    async fn insert_job(&mut self, new: &NewJob) -> Result<Job> {
+        let cloud: Option<i64> = sqlx::query_scalar("SELECT 1 FROM clouds WHERE id = ?1")
+            .bind(new.cloud_id.as_str())
+            .fetch_optional(&mut *self.db)
+            .await?;
+        if cloud.is_none() {
+            return Err(Error::CloudMissing(new.cloud_id.clone()));
+        }
+        let waiting: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE status = 'queued'")
+            .fetch_one(&mut *self.db)
+            .await?;
+        let limit = self.options.queue_limit;
+        if waiting as u64 >= limit {
+            return Err(Error::QueueFull { limit });
+        }
+        let id = JobId::new();
+        sqlx::query(
+            "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, derived_from,
+                 created_at)
+             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7)",
+        )
+        .bind(id.as_str())
+        .bind(new.cloud_id.as_str())
+        .bind(new.preset.name())
+        .bind(to_json(&new.settings))
+        .bind(to_json(&new.labels))
+        .bind(new.derived_from.as_ref().map(JobId::as_str))
+        .bind(self.now)
+        .execute(&mut *self.db)
+        .await?;
+        // Behind all that wait, which were counted just now.
+        self.append_event(&id, "job.queued", &json!({ "position": waiting + 1 }))
+            .await?;
+        self.load_job(&id).await
+    }
+
+    /// Place of a waiting job in the queue.
+    pub(super) async fn queue_position(&mut self, id: &JobId) -> Result<Option<u64>> {
+        position(&mut *self.db, id).await
+    }
+
+    /// A job that is known to be here.
+    pub(super) async fn load_job(&mut self, id: &JobId) -> Result<Job> {
+        find_job(&mut *self.db, id).await?.ok_or(Error::Stale)
+    }
+}
+
+async fn find_job<'e>(db: impl Executor<'e, Database = Sqlite>, id: &JobId) -> Result<Option<Job>> {
+    let row = sqlx::query("SELECT * FROM jobs WHERE id = ?1")
+        .bind(id.as_str())
+        .fetch_optional(db)
+        .await?;
+    row.as_ref().map(job_of).transpose()
+}
+
+async fn find_tombstone<'e>(
+    db: impl Executor<'e, Database = Sqlite>,
+    id: &JobId,
+) -> Result<Lookup> {
+    let row = sqlx::query("SELECT * FROM tombstones WHERE job_id = ?1")
+        .bind(id.as_str())
+        .fetch_optional(db)
+        .await?;
+    let Some(row) = row else {
+        return Ok(Lookup::Missing);
+    };
+    let columns = Columns::new("tombstones", &row);
+    Ok(Lookup::Gone(Tombstone {
+        job_id: columns.parsed("job_id")?,
+        deleted_at: columns.get("deleted_at")?,
+        reason: columns.get("reason")?,
+    }))
+}
+
+async fn position<'e>(db: impl Executor<'e, Database = Sqlite>, id: &JobId) -> Result<Option<u64>> {
+    // For a job that does not wait the right side is NULL, and nothing is counted.
+    let row = sqlx::query(
+        "SELECT COUNT(*) FROM jobs WHERE status = 'queued' AND (created_at, id) <=
+             (SELECT created_at, id FROM jobs WHERE id = ?1 AND status = 'queued')",
+    )
+    .bind(id.as_str())
+    .fetch_one(db)
+    .await?;
+    let place: i64 = row.try_get(0)?;
+    Ok((place > 0).then_some(place as u64))
+}
+
+fn status_of(columns: Columns<'_>) -> Result<Status> {
+    columns.required(Status::from_name(columns.get("status")?), "status")
+}
+
+/// A job of its row.
+pub(super) fn job_of(row: &SqliteRow) -> Result<Job> {
+    let columns = Columns::new("jobs", row);
+    Ok(Job {
+        id: columns.parsed("id")?,
+        cloud_id: columns.parsed("cloud_id")?,
+        status: status_of(columns)?,
+        phase: columns.name("phase")?,
+        preset: columns.required(columns.name("preset")?, "preset")?,
+        settings: columns.json("settings")?,
+        labels: columns.json("labels")?,
+        derived_from: columns.name("derived_from")?,
+        created_at: columns.get("created_at")?,
+        started_at: columns.get("started_at")?,
+        finished_at: columns.get("finished_at")?,
+        attempt: columns.get("attempt")?,
+        failures: columns.get("failures")?,
+        failure_reason: columns.optional_json("failure_reason")?,
+        worker: columns.get("worker")?,
+        lease_until: columns.get("lease_until")?,
+        cancel_requested: columns.get::<i64>("cancel_requested")? != 0,
+        progress: columns.get("progress")?,
+        eta_seconds: columns.get("eta_seconds")?,
+        evaluations: columns.count("evaluations")?,
+        loss: columns.get("loss")?,
+        error: columns.optional_json("error")?,
+        report: columns.optional_json("report")?,
+        events: columns.get("events")?,
+        metrics: columns.get("metrics")?,
+    })
+}

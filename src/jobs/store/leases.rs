@@ -1,0 +1,252 @@
+//! Who runs a job: claims, renewals, and how an attempt ends without a result.
+//!
+//! Every write of a worker names its attempt and must find it running; otherwise it gets `Stale`
+//! and writes nothing. A lease that has run out still holds until somebody reaps it: it is the
+//! attempt that protects the job, the lease only tells when to stop waiting.
+
+use serde_json::json;
+
+use super::Store;
+use super::jobs::job_of;
+use super::outcome::{Fence, Outcome};
+use super::row::{Columns, to_json};
+use super::writer::Transaction;
+use crate::jobs::{Claim, Error, FailureReason, Job, JobId, Lease, Problem, Result};
+
+impl Store {
+    /// Takes the job that has waited longest, for `lease_ms` milliseconds, and writes `job.started`
+    /// or `job.attempt_started`. Rows that an earlier attempt wrote after its last checkpoint are
+    /// erased: this attempt writes them again.
+    ///
+    /// # Errors
+    /// As every write: `Busy`, `Full`, `Closed`, `Database`.
+    pub async fn claim(&self, worker: &str, lease_ms: i64) -> Result<Option<Claim>> {
+        // Looking at an empty queue does not take the write lock from others.
+        if self.oldest_queued().await?.is_none() {
+            return Ok(None);
+        }
+        let worker = worker.to_owned();
+        self.write(move |mut tx| {
+            Box::pin(async move {
+                let row = sqlx::query(
+                    "UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = ?1,
+                         lease_until = ?2 + ?3, started_at = COALESCE(started_at, ?2),
+                         phase = NULL, progress = 0, eta_seconds = NULL, loss = NULL
+                     WHERE id = (SELECT id FROM jobs WHERE status = 'queued'
+                                 ORDER BY created_at, id LIMIT 1)
+                     RETURNING *",
+                )
+                .bind(&worker)
+                .bind(tx.now)
+                .bind(lease_ms)
+                .fetch_optional(&mut *tx.db)
+                .await?;
+                let Some(row) = row else {
+                    return Ok(None);
+                };
+                let job = job_of(&row)?;
+                if job.attempt == 1 {
+                    let data = json!({ "worker": worker });
+                    tx.append_event(&job.id, "job.started", &data).await?;
+                } else {
+                    tx.forget_after_checkpoint(&job.id).await?;
+                    let data = json!({ "worker": worker, "reason": job.failure_reason });
+                    tx.append_event(&job.id, "job.attempt_started", &data)
+                        .await?;
+                }
+                let job = tx.load_job(&job.id).await?;
+                Ok(Some(Claim {
+                    attempt: job.attempt,
+                    job,
+                }))
+            })
+        })
+        .await
+    }
+
+    /// Holds the job for another `lease_ms` milliseconds from now, and asks whether it shall end.
+    ///
+    /// # Errors
+    /// As every write.
+    pub async fn renew(&self, claim: &Claim, lease_ms: i64) -> Result<Lease> {
+        let (id, attempt) = (claim.job.id.clone(), claim.attempt);
+        self.write(move |tx| {
+            Box::pin(async move {
+                let cancel_requested: Option<i64> = sqlx::query_scalar(
+                    "UPDATE jobs SET lease_until = ?3
+                     WHERE id = ?1 AND attempt = ?2 AND status = 'running'
+                     RETURNING cancel_requested",
+                )
+                .bind(id.as_str())
+                .bind(attempt)
+                .bind(tx.now + lease_ms)
+                .fetch_optional(&mut *tx.db)
+                .await?;
+                Ok(cancel_requested.map_or(Lease::Lost, |asked| Lease::Held {
+                    cancel_requested: asked != 0,
+                }))
+            })
+        })
+        .await
+    }
+
+    /// Ends the job with an error that another attempt would meet again.
+    ///
+    /// # Errors
+    /// `Stale`, and as every write.
+    pub async fn fail(&self, claim: &Claim, problem: Problem) -> Result<()> {
+        self.end(claim, Outcome::Failed(problem)).await
+    }
+
+    /// Ends the job as a client asked for.
+    ///
+    /// # Errors
+    /// `Stale`, and as every write.
+    pub async fn cancelled(&self, claim: &Claim) -> Result<()> {
+        self.end(claim, Outcome::Cancelled).await
+    }
+
+    /// Gives the job back into the queue without a failed attempt; one that shall end is cancelled
+    /// instead.
+    ///
+    /// # Errors
+    /// `Stale`, and as every write.
+    pub async fn release(&self, claim: &Claim) -> Result<()> {
+        let (id, attempt) = (claim.job.id.clone(), claim.attempt);
+        self.write(move |mut tx| {
+            Box::pin(async move {
+                let outcome = if tx.held(&id, attempt).await?.cancel_requested {
+                    Outcome::Cancelled
+                } else {
+                    Outcome::Requeued {
+                        reason: json!({"code": "released"}),
+                    }
+                };
+                tx.leave(Fence::running(&id, attempt), outcome).await
+            })
+        })
+        .await
+    }
+
+    /// Counts a failed attempt: the job waits again, fails if it was the last one, or is cancelled
+    /// if that was asked. The answer is the job afterwards.
+    ///
+    /// # Errors
+    /// `Stale` if that attempt does not run, and as every write.
+    pub async fn attempt_failed(
+        &self,
+        id: &JobId,
+        attempt: i64,
+        reason: FailureReason,
+    ) -> Result<Job> {
+        let id = id.clone();
+        self.write(move |mut tx| {
+            Box::pin(async move {
+                tx.attempt_failed(&id, attempt, &reason).await?;
+                tx.load_job(&id).await
+            })
+        })
+        .await
+    }
+
+    /// Counts a failed attempt for every running job whose lease has run out, and names them.
+    ///
+    /// # Errors
+    /// As every write.
+    pub async fn reap_expired(&self) -> Result<Vec<JobId>> {
+        // As in `claim`: the usual case takes no lock.
+        let expired: bool = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until < ?1)",
+        )
+        .bind(self.now())
+        .fetch_one(self.readers())
+        .await?;
+        if !expired {
+            return Ok(Vec::new());
+        }
+        self.write(move |mut tx| {
+            Box::pin(async move {
+                let rows = sqlx::query(
+                    "SELECT id, attempt FROM jobs
+                     WHERE status = 'running' AND lease_until < ?1 ORDER BY created_at, id",
+                )
+                .bind(tx.now)
+                .fetch_all(&mut *tx.db)
+                .await?;
+                let mut reaped = Vec::with_capacity(rows.len());
+                for row in &rows {
+                    let columns = Columns::new("jobs", row);
+                    let id: JobId = columns.parsed("id")?;
+                    tx.attempt_failed(&id, columns.get("attempt")?, &FailureReason::LeaseExpired)
+                        .await?;
+                    reaped.push(id);
+                }
+                Ok(reaped)
+            })
+        })
+        .await
+    }
+
+    /// The running job that a worker of this name holds: what is to be settled when it dies.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn held_by(&self, worker: &str) -> Result<Option<Job>> {
+        let row = sqlx::query("SELECT * FROM jobs WHERE status = 'running' AND worker = ?1")
+            .bind(worker)
+            .fetch_optional(self.readers())
+            .await?;
+        row.as_ref().map(job_of).transpose()
+    }
+
+    async fn end(&self, claim: &Claim, outcome: Outcome) -> Result<()> {
+        let (id, attempt) = (claim.job.id.clone(), claim.attempt);
+        self.write(move |mut tx| {
+            Box::pin(async move { tx.leave(Fence::running(&id, attempt), outcome).await })
+        })
+        .await
+    }
+}
+
+impl Transaction<'_> {
+    /// The job, if that attempt runs.
+    ///
+    /// # Errors
+    /// `Stale` if it does not.
+    pub(super) async fn held(&mut self, id: &JobId, attempt: i64) -> Result<Job> {
+        let row =
+            sqlx::query("SELECT * FROM jobs WHERE id = ?1 AND attempt = ?2 AND status = 'running'")
+                .bind(id.as_str())
+                .bind(attempt)
+                .fetch_optional(&mut *self.db)
+                .await?
+                .ok_or(Error::Stale)?;
+        job_of(&row)
+    }
+
+    async fn attempt_failed(
+        &mut self,
+        id: &JobId,
+        attempt: i64,
+        reason: &FailureReason,
+    ) -> Result<()> {
+        let job = self.held(id, attempt).await?;
+        let failures = job.failures + 1;
+        sqlx::query("UPDATE jobs SET failures = ?2, failure_reason = ?3 WHERE id = ?1")
+            .bind(id.as_str())
+            .bind(failures)
+            .bind(to_json(reason))
+            .execute(&mut *self.db)
+            .await?;
+        let outcome = if job.cancel_requested {
+            Outcome::Cancelled
+        } else if failures >= self.options.max_failures {
+            Outcome::Failed(reason.problem(failures))
+        } else {
+            Outcome::Requeued {
+                reason: json!(reason),
+            }
+        };
+        self.leave(Fence::running(id, attempt), outcome).await
+    }
+}

@@ -1,0 +1,142 @@
+//! The training series and the gradient histograms.
+
+use sqlx::sqlite::SqliteRow;
+
+use super::Store;
+use super::row::{Columns, integer, to_json};
+use super::writer::Transaction;
+use crate::jobs::{Error, JobId, Result};
+use crate::reconstruction::training::{GradientHistogram, Metrics};
+
+impl Store {
+    /// Accepted iterations after the given evaluation, in order.
+    ///
+    /// # Errors
+    /// As every read: `Busy`, `Closed`, `Inconsistent`, `Database`.
+    pub async fn metrics(
+        &self,
+        id: &JobId,
+        after_evaluation: u64,
+        limit: u32,
+    ) -> Result<Vec<Metrics>> {
+        sqlx::query(
+            "SELECT * FROM metrics WHERE job_id = ?1 AND evaluation > ?2
+             ORDER BY evaluation LIMIT ?3",
+        )
+        .bind(id.as_str())
+        .bind(integer(after_evaluation))
+        .bind(limit)
+        .fetch_all(self.readers())
+        .await?
+        .iter()
+        .map(metrics_of)
+        .collect()
+    }
+
+    /// All gradient histograms of a job, in the order of their evaluations.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn gradients(&self, id: &JobId) -> Result<Vec<GradientHistogram>> {
+        sqlx::query("SELECT * FROM gradients WHERE job_id = ?1 ORDER BY evaluation")
+            .bind(id.as_str())
+            .fetch_all(self.readers())
+            .await?
+            .iter()
+            .map(|row| {
+                let columns = Columns::new("gradients", row);
+                Ok(GradientHistogram {
+                    evaluation: columns.count("evaluation")?,
+                    layers: columns.json("data")?,
+                })
+            })
+            .collect()
+    }
+}
+
+impl Transaction<'_> {
+    /// Adds rows to the `present` ones of a job, up to the limit; one that is there stays.
+    pub(super) async fn insert_metrics(
+        &mut self,
+        id: &JobId,
+        present: i64,
+        rows: &[Metrics],
+    ) -> Result<()> {
+        let mut count = present;
+        for metrics in rows {
+            if count >= self.options.metrics_limit {
+                break;
+            }
+            let weight_norms: Vec<u8> = metrics
+                .weight_norms
+                .iter()
+                .flat_map(|norm| norm.to_le_bytes())
+                .collect();
+            let inserted = sqlx::query(
+                "INSERT INTO metrics (job_id, evaluation, iteration, loss, validation_loss,
+                     gradient_norm, step_length, weight_norms)
+                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)
+                 ON CONFLICT (job_id, evaluation) DO NOTHING",
+            )
+            .bind(id.as_str())
+            .bind(integer(metrics.evaluation))
+            .bind(integer(metrics.iteration))
+            .bind(metrics.loss)
+            .bind(metrics.validation_loss)
+            .bind(metrics.gradient_norm)
+            .bind(metrics.step_length)
+            .bind(weight_norms)
+            .execute(&mut *self.db)
+            .await?;
+            count += inserted.rows_affected() as i64;
+        }
+        if count > present {
+            sqlx::query("UPDATE jobs SET metrics = ?2 WHERE id = ?1")
+                .bind(id.as_str())
+                .bind(count)
+                .execute(&mut *self.db)
+                .await?;
+        }
+        Ok(())
+    }
+
+    /// Adds histograms; one that is there stays.
+    pub(super) async fn insert_gradients(
+        &mut self,
+        id: &JobId,
+        histograms: &[GradientHistogram],
+    ) -> Result<()> {
+        for histogram in histograms {
+            sqlx::query(
+                "INSERT INTO gradients (job_id, evaluation, data) VALUES (?1, ?2, ?3)
+                 ON CONFLICT (job_id, evaluation) DO NOTHING",
+            )
+            .bind(id.as_str())
+            .bind(integer(histogram.evaluation))
+            .bind(to_json(&histogram.layers))
+            .execute(&mut *self.db)
+            .await?;
+        }
+        Ok(())
+    }
+}
+
+fn metrics_of(row: &SqliteRow) -> Result<Metrics> {
+    let columns = Columns::new("metrics", row);
+    let weight_norms: &[u8] = columns.get("weight_norms")?;
+    let (norms, rest) = weight_norms.as_chunks::<8>();
+    if !rest.is_empty() {
+        return Err(Error::inconsistent("metrics", "weight_norms")(
+            "is no sequence of 64-bit numbers",
+        ));
+    }
+    Ok(Metrics {
+        iteration: columns.count("iteration")?,
+        evaluation: columns.count("evaluation")?,
+        loss: columns.float("loss")?,
+        validation_loss: columns.get("validation_loss")?,
+        gradient_norm: columns.float("gradient_norm")?,
+        step_length: columns.float("step_length")?,
+        weight_norms: norms.iter().map(|norm| f64::from_le_bytes(*norm)).collect(),
+    })
+}

@@ -1,0 +1,113 @@
+//! The one place where a job leaves a state: status, columns and event change together.
+
+use serde_json::{Value, json};
+
+use super::row::to_json;
+use super::writer::Transaction;
+use crate::jobs::{Error, Job, JobId, Problem, Result, Status};
+
+/// Which job is meant, in which attempt and state: the fence of a change.
+#[derive(Clone, Copy)]
+pub(super) struct Fence<'a> {
+    pub(super) id: &'a JobId,
+    pub(super) attempt: i64,
+    pub(super) status: Status,
+}
+
+impl<'a> Fence<'a> {
+    /// The job as it was read in this transaction.
+    pub(super) fn of(job: &'a Job) -> Self {
+        Self {
+            id: &job.id,
+            attempt: job.attempt,
+            status: job.status,
+        }
+    }
+
+    /// The running attempt.
+    pub(super) fn running(id: &'a JobId, attempt: i64) -> Self {
+        Self {
+            id,
+            attempt,
+            status: Status::Running,
+        }
+    }
+}
+
+/// What a job becomes, other than running (that is a claim).
+pub(super) enum Outcome {
+    /// Back into the queue, with why.
+    Requeued { reason: Value },
+    /// Its report, and the sizes that the last event tells.
+    Succeeded { report: Value, sizes: Value },
+    /// Why.
+    Failed(Problem),
+    /// A client wanted it.
+    Cancelled,
+}
+
+impl Outcome {
+    fn status(&self) -> Status {
+        match self {
+            Self::Requeued { .. } => Status::Queued,
+            Self::Succeeded { .. } => Status::Succeeded,
+            Self::Failed(_) => Status::Failed,
+            Self::Cancelled => Status::Cancelled,
+        }
+    }
+}
+
+impl Transaction<'_> {
+    /// Moves a job on and writes the event of it.
+    ///
+    /// # Errors
+    /// `Stale` if the job is not in the state and attempt of the fence, or may not go that way.
+    pub(super) async fn leave(&mut self, fence: Fence<'_>, outcome: Outcome) -> Result<()> {
+        let status = outcome.status();
+        if !fence.status.may_become(status) {
+            return Err(Error::Stale);
+        }
+        let (error, report) = match &outcome {
+            Outcome::Failed(problem) => (Some(to_json(problem)), None),
+            Outcome::Succeeded { report, .. } => (None, Some(to_json(report))),
+            Outcome::Requeued { .. } | Outcome::Cancelled => (None, None),
+        };
+        let changed = sqlx::query(
+            "UPDATE jobs SET status = ?4, finished_at = ?5, error = ?6, report = ?7,
+                 worker = NULL, lease_until = NULL, eta_seconds = NULL,
+                 progress = CASE ?4 WHEN 'succeeded' THEN 1.0 ELSE progress END
+             WHERE id = ?1 AND attempt = ?2 AND status = ?3",
+        )
+        .bind(fence.id.as_str())
+        .bind(fence.attempt)
+        .bind(fence.status.name())
+        .bind(status.name())
+        .bind(status.is_final().then_some(self.now))
+        .bind(error)
+        .bind(report)
+        .execute(&mut *self.db)
+        .await?;
+        if changed.rows_affected() != 1 {
+            return Err(Error::Stale);
+        }
+        if status.is_final() {
+            sqlx::query("DELETE FROM checkpoints WHERE job_id = ?1")
+                .bind(fence.id.as_str())
+                .execute(&mut *self.db)
+                .await?;
+        }
+        let (event, data) = match outcome {
+            Outcome::Requeued { reason } => {
+                let position = self.queue_position(fence.id).await?;
+                (
+                    "job.queued",
+                    json!({"position": position, "reason": reason}),
+                )
+            }
+            Outcome::Succeeded { sizes, .. } => ("job.succeeded", sizes),
+            Outcome::Failed(problem) => ("job.failed", json!({ "error": problem })),
+            Outcome::Cancelled => ("job.cancelled", json!({})),
+        };
+        self.append_event(fence.id, event, &data).await
+    }
+}

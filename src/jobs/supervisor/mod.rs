@@ -1,0 +1,217 @@
+//! Keeps the worker processes: starts them and starts them again, wakes them, and settles what
+//! they leave.
+//!
+//! Pipes only wake. A byte into a worker's standard input says that something waits; its end says
+//! that the server is gone, however it went: the worker gives its job back and ends. A line out of
+//! a worker says that rows were written, so that event streams look. Without them polls of a second
+//! would do the same.
+//!
+//! A worker that dies holds a job that nobody works on: it is settled at once, not when its lease
+//! runs out. The leases are for what nobody sees: a worker that is stopped, or the death of both.
+
+mod child;
+mod memory;
+mod sweep;
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use serde::Serialize;
+use tokio::sync::watch;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use super::{Error, FailureReason, Store};
+use child::Child;
+
+/// First pause before a worker is started again; it doubles with each early death.
+const FIRST_PAUSE: Duration = Duration::from_millis(100);
+/// Longest pause.
+const LONGEST_PAUSE: Duration = Duration::from_secs(5);
+/// A worker that lived so long did not die of its start.
+const HEALTHY: Duration = Duration::from_secs(10);
+/// Pause between two rings, in which changes gather.
+const RING_PAUSE: Duration = Duration::from_millis(5);
+/// Tries to settle a dead worker's job, half a second apart; after that its lease runs out.
+const TRIES: u32 = 10;
+
+/// What a supervisor is told.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// The program that is a worker.
+    pub program: PathBuf,
+    /// Its arguments, but for `--slot`.
+    pub arguments: Vec<OsString>,
+    /// Number of worker processes.
+    pub workers: u16,
+    /// Most resident bytes of a worker; none: no limit.
+    pub memory_limit_bytes: Option<u64>,
+    /// How long workers may take to give their jobs back when the service stops.
+    pub drain: Duration,
+}
+
+/// Worker processes, as they were last seen.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Workers {
+    /// Those that run and hold a job.
+    pub busy: u32,
+    /// Those that run and wait for one.
+    pub idle: u32,
+    /// Those that are about to be started again.
+    pub starting: u32,
+    /// Starts after a death since the service started.
+    pub restarts: u64,
+}
+
+/// Keeps the worker processes of a service.
+pub struct Supervisor {
+    store: Store,
+    options: Options,
+    shutdown: CancellationToken,
+    /// Living workers by name, each with what condemns it.
+    living: Mutex<BTreeMap<String, CancellationToken>>,
+    busy: AtomicU32,
+    restarts: AtomicU64,
+    seen: watch::Sender<Workers>,
+    ring: watch::Sender<u64>,
+}
+
+impl Supervisor {
+    /// A supervisor over an open store; nothing is started yet.
+    pub fn new(store: Store, options: Options, shutdown: CancellationToken) -> Arc<Self> {
+        let (seen, _) = watch::channel(Workers::default());
+        let (ring, _) = watch::channel(0);
+        Arc::new(Self {
+            store,
+            options,
+            shutdown,
+            living: Mutex::default(),
+            busy: AtomicU32::new(0),
+            restarts: AtomicU64::new(0),
+            seen,
+            ring,
+        })
+    }
+
+    /// What is known of the workers; changes with them.
+    pub fn workers(&self) -> watch::Receiver<Workers> {
+        self.seen.subscribe()
+    }
+
+    /// Keeps the workers until the shutdown, and ends when all of them have ended.
+    pub async fn run(self: Arc<Self>) {
+        let slots = TaskTracker::new();
+        for slot in 0..self.options.workers {
+            slots.spawn(Arc::clone(&self).keep(slot));
+        }
+        slots.close();
+        tokio::select! {
+            () = slots.wait() => {}
+            () = self.ring_bell() => {}
+            () = self.sweep() => {}
+        }
+    }
+
+    /// Starts the worker of a slot again and again.
+    async fn keep(self: Arc<Self>, slot: u16) {
+        let mut pause = FIRST_PAUSE;
+        while !self.shutdown.is_cancelled() {
+            let started = Instant::now();
+            match Child::spawn(&self.options, slot) {
+                Ok(child) => self.attend(child).await,
+                Err(error) => {
+                    tracing::error!(slot, error.message = %error, "a worker cannot be started");
+                }
+            }
+            if self.shutdown.is_cancelled() {
+                return;
+            }
+            if started.elapsed() >= HEALTHY {
+                pause = FIRST_PAUSE;
+            }
+            tokio::select! {
+                () = tokio::time::sleep(pause) => {}
+                () = self.shutdown.cancelled() => {}
+            }
+            pause = (2 * pause).min(LONGEST_PAUSE);
+            self.restarts.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Stays with a worker to its end, and settles what it leaves.
+    async fn attend(&self, child: Child) {
+        let name = child.name().to_owned();
+        let condemned = CancellationToken::new();
+        self.living().insert(name.clone(), condemned.clone());
+        self.publish();
+        tracing::info!(worker = %name, "a worker was started");
+        let reason = child.attend(self, &condemned).await;
+        self.living().remove(&name);
+        self.publish();
+        if !self.shutdown.is_cancelled() {
+            tracing::warn!(worker = %name, ?reason, "a worker ended");
+        }
+        self.settle(&name, &reason).await;
+    }
+
+    /// Counts a failed attempt for the job that a dead worker held.
+    async fn settle(&self, worker: &str, reason: &FailureReason) {
+        for _ in 0..TRIES {
+            let result = match self.store.held_by(worker).await {
+                Ok(None) => return,
+                Ok(Some(job)) => {
+                    tracing::warn!(job = %job.id, attempt = job.attempt, worker, ?reason,
+                        "an attempt failed");
+                    let reason = reason.clone();
+                    self.store
+                        .attempt_failed(&job.id, job.attempt, reason)
+                        .await
+                }
+                Err(error) => Err(error),
+            };
+            match result {
+                // Stale: it was settled in between.
+                Ok(_) | Err(Error::Stale | Error::Closed) => return,
+                Err(error) => {
+                    tracing::warn!(worker, error.message = %error, "a dead worker's job waits");
+                    tokio::time::sleep(Duration::from_millis(500)).await;
+                }
+            }
+        }
+    }
+
+    /// Wakes the workers when a job waits or is to be cancelled.
+    async fn ring_bell(&self) {
+        let mut changed = self.store.changed();
+        while changed.changed().await.is_ok() {
+            changed.mark_unchanged();
+            let waits = matches!(self.store.oldest_queued().await, Ok(Some(_)));
+            if waits || self.running().await.iter().any(|job| job.cancel_requested) {
+                self.ring.send_modify(|rings| *rings += 1);
+            }
+            tokio::time::sleep(RING_PAUSE).await;
+        }
+    }
+
+    fn living(&self) -> std::sync::MutexGuard<'_, BTreeMap<String, CancellationToken>> {
+        self.living.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn publish(&self) {
+        let living = self.living().len() as u32;
+        let busy = self.busy.load(Ordering::Relaxed).min(living);
+        let workers = Workers {
+            busy,
+            idle: living - busy,
+            starting: u32::from(self.options.workers).saturating_sub(living),
+            restarts: self.restarts.load(Ordering::Relaxed),
+        };
+        self.seen
+            .send_if_modified(|seen| std::mem::replace(seen, workers) != workers);
+    }
+}

@@ -1,0 +1,294 @@
+//! One attempt at a job, from its claim to its end.
+
+use std::future::Future;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::{mpsc, oneshot};
+use tokio::time::MissedTickBehavior;
+use tokio_util::task::AbortOnDropHandle;
+
+use super::control::{Control, Stop};
+use super::progress::Pending;
+use super::sink::{Message, Sink};
+use super::work::{Assignment, Failure, encode};
+use super::{End, Worker, lease};
+use crate::jobs::{Claim, Error, FailureReason, NewMesh, Problem, Record, Result, Success};
+
+/// Time between two writes of progress: four a second are what a stream shows.
+const FLUSH: Duration = Duration::from_millis(250);
+/// Messages that the thread may be ahead of the async side.
+const CHANNEL: usize = 256;
+/// Tries of a write that another can hold up, and the pause between two of them.
+const TRIES: u32 = 20;
+const PAUSE: Duration = Duration::from_millis(500);
+
+/// What the thread brings.
+struct Finished {
+    mesh: NewMesh,
+    report: serde_json::Value,
+    model: Vec<u8>,
+}
+
+type Outcome = std::result::Result<Finished, Failure>;
+
+/// An attempt under way.
+pub(super) struct Attempt<'a> {
+    worker: &'a Worker,
+    control: Arc<Control>,
+    pending: Pending,
+    claim: Claim,
+}
+
+impl<'a> Attempt<'a> {
+    pub(super) fn new(worker: &'a Worker, claim: Claim) -> Self {
+        Self {
+            worker,
+            control: Arc::new(Control::default()),
+            pending: Pending::new(worker.options.metrics_limit - claim.job.metrics),
+            claim,
+        }
+    }
+
+    /// Works to the end of the attempt. Errors of the store are logged: what could not be written
+    /// is done again by the next attempt, once the lease has run out.
+    pub(super) async fn run(mut self) -> End {
+        tracing::info!(job = %self.claim.job_id(), attempt = self.claim.attempt, "a job was claimed");
+        (self.worker.signals.committed)(self.claim.job_id());
+        let _lease = AbortOnDropHandle::new(tokio::spawn(lease::hold(
+            self.worker.store.clone(),
+            self.claim.clone(),
+            Arc::clone(&self.control),
+            self.worker.signals.wake.clone(),
+        )));
+        let outcome = match self.start().await {
+            Ok((messages, outcome)) => {
+                if self.listen(messages).await == End::Hung {
+                    self.settle(Err(Failure::Stopped)).await;
+                    return End::Hung;
+                }
+                // A thread that panicked answers nothing.
+                outcome
+                    .await
+                    .unwrap_or_else(|_| Err(Failure::internal("the computation panicked")))
+            }
+            Err(failure) => Err(failure),
+        };
+        self.settle(outcome).await;
+        End::Stopped
+    }
+
+    /// Starts the thread: its messages, and its outcome after the last of them.
+    async fn start(
+        &self,
+    ) -> std::result::Result<(mpsc::Receiver<Message>, oneshot::Receiver<Outcome>), Failure> {
+        let job = &self.claim.job;
+        let store = &self.worker.store;
+        let cloud = store
+            .cloud(&job.cloud_id)
+            .await
+            .map_err(Failure::internal)?;
+        let cloud = cloud.ok_or_else(|| Failure::internal("the cloud is not there"))?;
+        let checkpoint = store.checkpoint(&job.id).await.map_err(Failure::internal)?;
+        let options = &self.worker.options;
+        let assignment = Assignment {
+            file: options.data_dir.join("clouds").join(&cloud.sha256),
+            cloud,
+            settings: job.settings.clone(),
+        };
+        let (sender, messages) = mpsc::channel(CHANNEL);
+        let (reply, outcome) = oneshot::channel();
+        let control = Arc::clone(&self.control);
+        let interval = options.checkpoint_interval;
+        let work = Arc::clone(&self.worker.work);
+        std::thread::Builder::new()
+            .name("reconstruct".to_owned())
+            .spawn(move || {
+                let data = checkpoint.map(|checkpoint| checkpoint.data);
+                let sink = Sink::new(sender, control, data, interval);
+                let outcome = work(&assignment, &sink).and_then(|product| {
+                    Ok(Finished {
+                        mesh: encode(&product.mesh).map_err(Failure::internal)?,
+                        report: product.report,
+                        model: product.model,
+                    })
+                });
+                // The other side is gone when the attempt was given up.
+                drop(reply.send(outcome));
+            })
+            .map_err(Failure::internal)?;
+        Ok((messages, outcome))
+    }
+
+    /// Writes what the thread tells until it ends, or does not although it was asked to.
+    async fn listen(&mut self, mut messages: mpsc::Receiver<Message>) -> End {
+        let control = Arc::clone(&self.control);
+        let options = &self.worker.options;
+        let stopping = &self.worker.signals.stopping;
+        let overdue = async {
+            control.asked().await;
+            tokio::time::sleep(options.grace).await;
+        };
+        let limit = tokio::time::sleep(options.time_limit);
+        tokio::pin!(overdue, limit);
+        let mut flush = tokio::time::interval(FLUSH);
+        flush.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                message = messages.recv() => match message {
+                    Some(message) => self.take(message).await,
+                    None => return End::Stopped,
+                },
+                _ = flush.tick() => self.flush().await,
+                () = &mut limit, if control.reason().is_none() => control.stop(Stop::TimeLimit),
+                () = stopping.cancelled(), if control.reason().is_none() => {
+                    control.stop(Stop::Release);
+                }
+                () = &mut overdue => {
+                    let job = self.claim.job_id();
+                    tracing::error!(%job, "the computation does not stop; the process ends itself");
+                    return End::Hung;
+                }
+            }
+        }
+    }
+
+    async fn take(&mut self, message: Message) {
+        let store = &self.worker.store;
+        let claim = &self.claim;
+        match message {
+            Message::Phase(phase) => {
+                self.pending.phase(phase);
+                self.flush().await;
+            }
+            Message::Progress(share) => self.pending.progress(share),
+            Message::Metrics(metrics) => self.pending.metrics(metrics),
+            Message::Gradients(histogram) => self.pending.gradients(histogram),
+            Message::Warning(warning) => self.pending.warning(&warning),
+            Message::Snapshot { evaluation, mesh } => {
+                let put = || store.put_snapshot(claim, evaluation, mesh.clone());
+                let result = insist(put).await;
+                self.written(result);
+            }
+            Message::Checkpoint { evaluation, data } => {
+                // An attempt that starts from it keeps the rows up to it: they come first.
+                self.flush().await;
+                let put = || {
+                    let (store, claim) = (&self.worker.store, &self.claim);
+                    store.put_checkpoint(claim, evaluation, data.clone())
+                };
+                let result = insist(put).await;
+                self.written(result);
+            }
+        }
+    }
+
+    async fn flush(&mut self) {
+        let Some(record) = self.pending.take() else {
+            return;
+        };
+        let (store, claim) = (&self.worker.store, &self.claim);
+        let result = insist(|| store.record(claim, record.clone())).await;
+        self.written(result);
+    }
+
+    /// Passes the news on, or stops an attempt that can write no more.
+    fn written(&self, result: Result<()>) {
+        match result {
+            Ok(()) => (self.worker.signals.committed)(self.claim.job_id()),
+            Err(error) => {
+                if !matches!(error, Error::Stale) {
+                    let job = self.claim.job_id();
+                    tracing::error!(%job, error.message = %error, "rows were not written");
+                }
+                self.control.stop(Stop::Lost);
+            }
+        }
+    }
+
+    /// Ends the attempt in the database.
+    async fn settle(&mut self, outcome: Outcome) {
+        let stop = self.control.reason();
+        if stop == Some(Stop::Lost) {
+            tracing::warn!(job = %self.claim.job_id(), attempt = self.claim.attempt, "the job was lost");
+            return;
+        }
+        let last = self.pending.take().unwrap_or_default();
+        let result = match (outcome, stop) {
+            (Ok(finished), _) => self.succeed(finished, last).await,
+            (Err(failure), stop) => {
+                if last != Record::default() {
+                    let (store, claim) = (&self.worker.store, &self.claim);
+                    let result = insist(|| store.record(claim, last.clone())).await;
+                    self.written(result);
+                }
+                self.end(failure, stop).await
+            }
+        };
+        let (job, attempt) = (self.claim.job_id(), self.claim.attempt);
+        match &result {
+            Ok(()) => tracing::info!(%job, attempt, ?stop, "an attempt ended"),
+            Err(error) => {
+                tracing::error!(%job, attempt, error.message = %error, "an attempt did not end well");
+            }
+        }
+        (self.worker.signals.committed)(job);
+    }
+
+    async fn succeed(&self, finished: Finished, last: Record) -> Result<()> {
+        let success = Success {
+            mesh: finished.mesh,
+            report: finished.report,
+            model: finished.model,
+            last,
+        };
+        let (store, claim) = (&self.worker.store, &self.claim);
+        insist(|| store.succeed(claim, success.clone())).await
+    }
+
+    async fn end(&self, failure: Failure, stop: Option<Stop>) -> Result<()> {
+        let (store, claim) = (&self.worker.store, &self.claim);
+        let failed = |reason: FailureReason| async move {
+            let id = claim.job_id();
+            let job = insist(|| store.attempt_failed(id, claim.attempt, reason.clone())).await?;
+            tracing::warn!(job = %id, ?reason, failures = job.failures, "an attempt failed");
+            Ok(())
+        };
+        match (failure, stop) {
+            (_, Some(Stop::Cancel)) => insist(|| store.cancelled(claim)).await,
+            (_, Some(Stop::TimeLimit)) => {
+                let seconds = self.worker.options.time_limit.as_secs();
+                let detail = format!("the job took longer than {seconds} seconds");
+                let problem = Problem::new("time_limit", detail);
+                insist(|| store.fail(claim, problem.clone())).await
+            }
+            (Failure::Stopped, Some(Stop::Release)) => insist(|| store.release(claim)).await,
+            (Failure::Final(problem), _) => insist(|| store.fail(claim, problem.clone())).await,
+            (Failure::Transient(reason), _) => failed(reason).await,
+            (Failure::Stopped, _) => {
+                failed(FailureReason::Internal {
+                    detail: "the computation stopped unasked".to_owned(),
+                })
+                .await
+            }
+        }
+    }
+}
+
+/// Does a write again while another process or a full disk holds it up.
+async fn insist<T, F>(write: impl Fn() -> F) -> Result<T>
+where
+    F: Future<Output = Result<T>>,
+{
+    let mut tries = 1;
+    loop {
+        match write().await {
+            Err(error @ (Error::Busy | Error::Full(_))) if tries < TRIES => {
+                tracing::warn!(tries, error.message = %error, "a write is tried again");
+                tries += 1;
+                tokio::time::sleep(PAUSE).await;
+            }
+            result => return result,
+        }
+    }
+}

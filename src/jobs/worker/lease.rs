@@ -1,0 +1,69 @@
+//! Holding a job: renewals, and hearing that a client wants it to end.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::time::MissedTickBehavior;
+
+use super::control::{Control, Stop};
+use crate::jobs::{Claim, Lease, Lookup, Status, Store};
+
+/// How long a job is held without a renewal, in milliseconds: three renewals may be lost.
+pub(super) const LEASE_MS: i64 = 6_000;
+/// Time between two renewals; also the longest that a cancellation goes unheard.
+const RENEWAL: Duration = Duration::from_millis(1_500);
+
+/// Renews until the job is lost or the task is dropped.
+pub(super) async fn hold(
+    store: Store,
+    claim: Claim,
+    control: Arc<Control>,
+    mut wake: watch::Receiver<u64>,
+) {
+    let mut renewal = tokio::time::interval(RENEWAL);
+    renewal.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut awake = true;
+    loop {
+        let due = tokio::select! {
+            _ = renewal.tick() => true,
+            woken = wake.changed(), if awake => {
+                awake = woken.is_ok();
+                false
+            }
+        };
+        let lease = if due {
+            store.renew(&claim, LEASE_MS).await
+        } else {
+            // A look costs no write; wake-ups come for other jobs too.
+            store
+                .job(claim.job_id())
+                .await
+                .map(|found| lease(found, &claim))
+        };
+        match lease {
+            Ok(Lease::Held {
+                cancel_requested: false,
+            }) => {}
+            Ok(Lease::Held {
+                cancel_requested: true,
+            }) => control.stop(Stop::Cancel),
+            Ok(Lease::Lost) => {
+                control.stop(Stop::Lost);
+                return;
+            }
+            Err(error) => {
+                tracing::warn!(job = %claim.job_id(), error.message = %error, "a lease was not renewed");
+            }
+        }
+    }
+}
+
+fn lease(found: Lookup, claim: &Claim) -> Lease {
+    match found.found() {
+        Some(job) if job.status == Status::Running && job.attempt == claim.attempt => Lease::Held {
+            cancel_requested: job.cancel_requested,
+        },
+        _ => Lease::Lost,
+    }
+}

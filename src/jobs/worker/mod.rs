@@ -1,0 +1,114 @@
+//! A worker process: takes one job after another, and does each on a thread of its own.
+//!
+//! The thread computes and nothing else; what it tells goes through a channel to the async side,
+//! which writes rows, renews the lease and hears of cancellations. So a job that computes for
+//! minutes between two looks at its flag still holds its lease, and one that never looks is given
+//! up after [`Options::grace`].
+
+mod attempt;
+mod control;
+mod lease;
+mod progress;
+mod script;
+mod sink;
+mod work;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+
+use super::{JobId, Result, Store};
+use attempt::Attempt;
+
+pub use script::{InvalidScript, Script};
+pub use work::{Assignment, Failure, Product, Work, reconstruction};
+
+/// Pause between two looks at an empty queue; what a lost wake-up costs.
+const POLL: Duration = Duration::from_secs(1);
+
+/// What a worker is told.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Its name, as no other process has it.
+    pub name: String,
+    /// The folder of the service.
+    pub data_dir: PathBuf,
+    /// Longest time of one attempt.
+    pub time_limit: Duration,
+    /// Time between two checkpoints of a training run.
+    pub checkpoint_interval: Duration,
+    /// How long the thread may take to stop before it is given up.
+    pub grace: Duration,
+    /// Most metric rows of a job.
+    pub metrics_limit: i64,
+}
+
+/// What comes into a worker from outside, and what it tells there.
+pub struct Signals {
+    /// Changes when the queue or a cancellation is to be looked at.
+    pub wake: watch::Receiver<u64>,
+    /// Cancelled when the worker is to give its job back and end.
+    pub stopping: CancellationToken,
+    /// Called after something about a job was committed.
+    pub committed: Box<dyn Fn(&JobId) + Send + Sync>,
+}
+
+/// The name of the worker process of a slot: no two processes have the same at one time.
+pub fn worker_name(slot: u16, pid: u32) -> String {
+    format!("worker-{slot}-{pid}")
+}
+
+/// How a worker ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// It was asked to, and holds no job.
+    Stopped,
+    /// The thread of its last job does not stop: only the end of the process ends it.
+    Hung,
+}
+
+/// A worker process.
+pub struct Worker {
+    /// The service's rows.
+    pub store: Store,
+    /// What it does with a job.
+    pub work: Arc<Work>,
+    /// What it is told.
+    pub options: Options,
+    /// What comes in.
+    pub signals: Signals,
+}
+
+impl Worker {
+    /// Works until it is asked to stop.
+    ///
+    /// # Errors
+    /// When the store was closed. Other errors of the store are logged, and the work goes on.
+    pub async fn run(&self) -> Result<End> {
+        let mut wake = self.signals.wake.clone();
+        while !self.signals.stopping.is_cancelled() {
+            // What comes after this look wakes the wait below.
+            wake.mark_unchanged();
+            match self.store.claim(&self.options.name, lease::LEASE_MS).await {
+                Ok(Some(claim)) => {
+                    if Attempt::new(self, claim).run().await == End::Hung {
+                        return Ok(End::Hung);
+                    }
+                    continue;
+                }
+                Ok(None) => {}
+                Err(super::Error::Closed) => return Err(super::Error::Closed),
+                Err(error) => tracing::warn!(error.message = %error, "no job can be claimed"),
+            }
+            tokio::select! {
+                _ = wake.changed() => {}
+                () = tokio::time::sleep(POLL) => {}
+                () = self.signals.stopping.cancelled() => {}
+            }
+        }
+        Ok(End::Stopped)
+    }
+}

@@ -1,0 +1,181 @@
+//! Work by script in place of a reconstruction: for tests of the service, and for its benchmark.
+
+use std::f64::consts::{PI, TAU};
+use std::str::FromStr;
+use std::time::Duration;
+
+use serde_json::json;
+use thiserror::Error;
+
+use super::work::{Assignment, Failure, Product};
+use crate::jobs::Problem;
+use crate::reconstruction::mesh::TriangleMesh;
+use crate::reconstruction::{Event, Observer, Phase};
+
+/// What a scripted job does.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Script {
+    /// Gives a sphere at once.
+    Instant,
+    /// Gives a sphere after so many seconds, with progress on the way; stops when asked.
+    Sleep(f64),
+    /// Aborts the process.
+    Crash,
+    /// Exits the process.
+    Exit,
+    /// Never ends, and never looks at its flags.
+    Hang,
+    /// Fails with this code.
+    Fail(String),
+    /// Panics.
+    Panic,
+    /// Takes memory without end.
+    Oom,
+}
+
+/// A text that names no script.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("known are instant, sleep:SECONDS, crash, exit, hang, fail:CODE, panic, oom")]
+pub struct InvalidScript;
+
+impl FromStr for Script {
+    type Err = InvalidScript;
+
+    fn from_str(text: &str) -> Result<Self, InvalidScript> {
+        Ok(match text.split_once(':') {
+            Some(("sleep", seconds)) => {
+                let seconds: f64 = seconds.parse().map_err(|_| InvalidScript)?;
+                if !(0.0..=1e6).contains(&seconds) {
+                    return Err(InvalidScript);
+                }
+                Self::Sleep(seconds)
+            }
+            Some(("fail", code)) => Self::Fail(code.to_owned()),
+            None if text == "instant" => Self::Instant,
+            None if text == "crash" => Self::Crash,
+            None if text == "exit" => Self::Exit,
+            None if text == "hang" => Self::Hang,
+            None if text == "panic" => Self::Panic,
+            None if text == "oom" => Self::Oom,
+            _ => return Err(InvalidScript),
+        })
+    }
+}
+
+/// Time between two looks at the flags.
+const STEP: Duration = Duration::from_millis(10);
+/// Memory that is taken in one step, and in all: a machine without a limit must survive.
+const GULP_BYTES: usize = 16 << 20;
+const MOST_GULPS: usize = 128;
+
+impl Script {
+    /// Does what the script says.
+    ///
+    /// # Errors
+    /// [`Failure`], where the script fails or is asked to stop.
+    ///
+    /// # Panics
+    /// Where the script does.
+    pub fn run(&self, _: &Assignment, observer: &dyn Observer) -> Result<Product, Failure> {
+        observer.event(Event::Phase(Phase::Training));
+        match self {
+            Self::Instant => {}
+            Self::Sleep(seconds) => sleep(*seconds, observer)?,
+            Self::Crash => std::process::abort(),
+            Self::Exit => std::process::exit(7),
+            Self::Hang => loop {
+                std::thread::sleep(STEP);
+            },
+            Self::Fail(code) => {
+                return Err(Failure::Final(Problem::new(code.as_str(), "as the script says")));
+            }
+            Self::Panic => panic!("as the script says"),
+            Self::Oom => {
+                let mut memory = Vec::new();
+                for _ in 0..MOST_GULPS {
+                    // Ones, because untouched zeros take no memory.
+                    memory.push(vec![1_u8; GULP_BYTES]);
+                    std::thread::sleep(STEP);
+                }
+                return Err(Failure::internal(format!("{} gulps were taken", memory.len())));
+            }
+        }
+        Ok(Product {
+            mesh: sphere(16, 32),
+            report: json!({ "script": true }),
+            // The smallest safetensors file: the length of its header, and the header.
+            model: [&2_u64.to_le_bytes()[..], b"{}"].concat(),
+        })
+    }
+}
+
+fn sleep(seconds: f64, observer: &dyn Observer) -> Result<(), Failure> {
+    let start = observer.seconds();
+    loop {
+        if observer.cancelled() || observer.released() {
+            return Err(Failure::Stopped);
+        }
+        let share = (observer.seconds() - start) / seconds;
+        if share >= 1.0 || seconds <= 0.0 {
+            return Ok(());
+        }
+        observer.event(Event::Progress(share));
+        std::thread::sleep(STEP);
+    }
+}
+
+/// The unit sphere over a grid of latitudes and longitudes, closed at the poles.
+fn sphere(bands: u32, sectors: u32) -> TriangleMesh {
+    let mut vertices = vec![[0.0, 0.0, 1.0]];
+    for band in 1..bands {
+        let polar = PI * f64::from(band) / f64::from(bands);
+        for sector in 0..sectors {
+            let azimuth = TAU * f64::from(sector) / f64::from(sectors);
+            let (ring, height) = polar.sin_cos();
+            vertices.push([ring * azimuth.cos(), ring * azimuth.sin(), height]);
+        }
+    }
+    vertices.push([0.0, 0.0, -1.0]);
+    let at = |band: u32, sector: u32| 1 + (band - 1) * sectors + sector % sectors;
+    let south = vertices.len() as u32 - 1;
+    let mut triangles = Vec::new();
+    for sector in 0..sectors {
+        triangles.push([0, at(1, sector), at(1, sector + 1)]);
+        for band in 1..bands - 1 {
+            let (a, b) = (at(band, sector), at(band, sector + 1));
+            let (c, d) = (at(band + 1, sector), at(band + 1, sector + 1));
+            triangles.extend([[a, c, b], [b, c, d]]);
+        }
+        triangles.push([at(bands - 1, sector), south, at(bands - 1, sector + 1)]);
+    }
+    TriangleMesh {
+        normals: vertices.clone(),
+        vertices,
+        triangles,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruction::mesh::Topology;
+
+    #[test]
+    fn the_sphere_is_one() {
+        let mesh = sphere(16, 32);
+        let topology = Topology::of(&mesh);
+        assert!(topology.closed, "{topology:?}");
+        assert_eq!(mesh.vertices.len() + mesh.triangles.len() - 3 * mesh.triangles.len() / 2, 2);
+        // The polyhedron lies inside the unit sphere; 16 bands lose some 2 % of 4/3 π.
+        assert!((4.0..4.19).contains(&mesh.volume()), "{}", mesh.volume());
+    }
+
+    #[test]
+    fn scripts_are_named() {
+        assert_eq!("sleep:0.5".parse(), Ok(Script::Sleep(0.5)));
+        assert_eq!("fail:no_surface".parse(), Ok(Script::Fail("no_surface".to_owned())));
+        for wrong in ["", "sleep", "sleep:x", "sleep:-1", "sleep:NaN", "crash:2", "dance"] {
+            assert_eq!(wrong.parse::<Script>(), Err(InvalidScript), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! What is done with a job: reconstruction, or whatever takes its place in a test.
+
+use std::fs;
+use std::io;
+use std::path::PathBuf;
+
+use serde_json::Value;
+
+use crate::jobs::{Cloud, FailureReason, Fault, NewMesh, Problem};
+use crate::reconstruction::mesh::TriangleMesh;
+use crate::reconstruction::mesh::write::{Format, write};
+use crate::reconstruction::{Error, Input, Observer, Settings, cloud, reconstruct};
+
+/// Does the work of one attempt, on a thread of its own.
+pub type Work = dyn Fn(&Assignment, &dyn Observer) -> Result<Product, Failure> + Send + Sync;
+
+/// What a job works on.
+#[derive(Debug, Clone)]
+pub struct Assignment {
+    /// The cloud as its row has it.
+    pub cloud: Cloud,
+    /// The file with its bytes.
+    pub file: PathBuf,
+    /// Complete settings.
+    pub settings: Settings,
+}
+
+/// What a job gives.
+#[derive(Debug, Clone)]
+pub struct Product {
+    /// The surface, in the coordinates of the input.
+    pub mesh: TriangleMesh,
+    /// The quality report: a JSON object.
+    pub report: Value,
+    /// The trained network as a file.
+    pub model: Vec<u8>,
+}
+
+/// Why there is no product.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Failure {
+    /// The observer asked to stop.
+    Stopped,
+    /// Another attempt would meet the same.
+    Final(Problem),
+    /// Another attempt may go better.
+    Transient(FailureReason),
+}
+
+impl Failure {
+    /// A defect of ours, or of the machine.
+    pub(super) fn internal(detail: impl ToString) -> Self {
+        Self::Transient(FailureReason::Internal {
+            detail: detail.to_string(),
+        })
+    }
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        match &error {
+            Error::Cancelled | Error::Interrupted => Self::Stopped,
+            error if error.code() == "internal" => Self::internal(error),
+            Error::Settings(settings) => {
+                let faults = settings.violations().iter().map(|violation| Fault {
+                    pointer: violation.pointer.clone(),
+                    detail: violation.detail.clone(),
+                });
+                Self::Final(Problem {
+                    errors: faults.collect(),
+                    ..Problem::new(error.code(), error.to_string())
+                })
+            }
+            error => Self::Final(Problem::new(error.code(), error.to_string())),
+        }
+    }
+}
+
+/// The work of the service: reads the cloud and reconstructs its surface.
+///
+/// # Errors
+/// [`Failure`], sorted by whether another attempt can help.
+pub fn reconstruction(
+    assignment: &Assignment,
+    observer: &dyn Observer,
+) -> Result<Product, Failure> {
+    let bytes = fs::read(&assignment.file)
+        .map_err(|error| Failure::internal(format!("{}: {error}", assignment.file.display())))?;
+    // The upload found the format, perhaps by its name, which is not kept.
+    let name = format!("cloud.{}", assignment.cloud.format);
+    // The upload held the file against the operator's limits.
+    let limits = cloud::Limits {
+        max_points: usize::MAX,
+        max_expanded_bytes: usize::MAX,
+        max_expansion: f64::INFINITY,
+    };
+    let (points, _) = cloud::read(&bytes, Some(&name), &limits).map_err(Error::from)?;
+    drop(bytes);
+    let mut result = reconstruct(&points, &assignment.settings, observer)?;
+    result.report.inputs = vec![Input {
+        name: String::new(),
+        sha256: assignment.cloud.sha256.clone(),
+        bytes: assignment.cloud.bytes,
+        points: points.points.len(),
+    }];
+    Ok(Product {
+        mesh: result.mesh,
+        report: serde_json::to_value(&result.report).map_err(Failure::internal)?,
+        model: result.model.encode().map_err(Failure::internal)?,
+    })
+}
+
+/// A mesh in the encoding that is stored.
+pub(super) fn encode(mesh: &TriangleMesh) -> io::Result<NewMesh> {
+    let mut data = Vec::new();
+    write(mesh, Format::PlyBinary, &mut data)?;
+    Ok(NewMesh::new(
+        mesh.vertices.len() as u64,
+        mesh.triangles.len() as u64,
+        data,
+    ))
+}

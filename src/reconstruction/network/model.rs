@@ -1,0 +1,198 @@
+//! A trained network as a file: safetensors, one weight and one bias a layer, as PyTorch names and
+//! shapes them; settings and frame are in the file's metadata, so that it says all about itself.
+
+use std::collections::HashMap;
+
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensorError, SafeTensors, serialize};
+use serde::Deserialize;
+use serde_json::json;
+use thiserror::Error;
+
+use super::{Architecture, PlainNetwork};
+use crate::reconstruction::sampling::Frame;
+use crate::reconstruction::settings::{Precision, Settings};
+
+/// Name of the metadata: a JSON object with `settings`, `frame` and what else is of use.
+const KEY: &str = "meshway";
+
+/// What is read of the metadata.
+#[derive(Deserialize)]
+struct Record {
+    settings: Settings,
+    frame: Frame,
+}
+
+/// A trained network, and what is needed to use it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// Settings of the run that trained it.
+    pub settings: Settings,
+    /// From the coordinates of the cloud to those that it was trained in.
+    pub frame: Frame,
+    /// Parameters in the order of [`Architecture::layers`]; with `f32` settings each is one.
+    pub parameters: Vec<f64>,
+}
+
+/// Why bytes are no model.
+#[derive(Debug, Error)]
+pub enum ModelError {
+    /// Not a file of tensors, or damaged.
+    #[error("tensors of the model: {0}")]
+    Tensors(#[from] SafeTensorError),
+    /// Settings or frame are missing or damaged.
+    #[error("metadata of the model: {0}")]
+    Metadata(#[from] serde_json::Error),
+    /// A tensor has another type or shape than the settings ask for.
+    #[error("tensor {name} of the model has another shape than the settings ask for")]
+    Shape {
+        /// Name of the tensor.
+        name: String,
+    },
+}
+
+impl Model {
+    /// The file.
+    ///
+    /// # Errors
+    /// When the number of parameters is not that of the settings.
+    pub fn encode(&self) -> Result<Vec<u8>, ModelError> {
+        let f64s = self.settings.network.precision == Precision::F64;
+        let dtype = if f64s { Dtype::F64 } else { Dtype::F32 };
+        let tensors: Vec<_> = tensors(&self.settings)
+            .into_iter()
+            .map(|(name, shape, range)| {
+                let values = self.parameters.get(range).unwrap_or_default().iter();
+                let bytes: Vec<u8> = if f64s {
+                    values.flat_map(|v| v.to_le_bytes()).collect()
+                } else {
+                    values.flat_map(|v| (*v as f32).to_le_bytes()).collect()
+                };
+                (name, shape, bytes)
+            })
+            .collect();
+        let views = tensors
+            .iter()
+            .map(|(name, shape, bytes)| {
+                Ok((name.as_str(), TensorView::new(dtype, shape.clone(), bytes)?))
+            })
+            .collect::<Result<Vec<_>, SafeTensorError>>()?;
+        let record = json!({"settings": self.settings, "frame": self.frame});
+        let metadata = HashMap::from([(KEY.to_owned(), record.to_string())]);
+        Ok(serialize(views, Some(metadata))?)
+    }
+
+    /// What [`Self::encode`] wrote.
+    ///
+    /// # Errors
+    /// What is missing or damaged.
+    pub fn decode(bytes: &[u8]) -> Result<Self, ModelError> {
+        let (_, metadata) = SafeTensors::read_metadata(bytes)?;
+        let entries = metadata.metadata().clone().unwrap_or_default();
+        let record = entries.get(KEY).map_or("", String::as_str);
+        let Record { settings, frame } = serde_json::from_str(record)?;
+        let file = SafeTensors::deserialize(bytes)?;
+        let mut parameters = Vec::new();
+        for (name, shape, _) in tensors(&settings) {
+            let tensor = file.tensor(&name)?;
+            if tensor.shape() != shape {
+                return Err(ModelError::Shape { name });
+            }
+            match tensor.dtype() {
+                Dtype::F32 => parameters.extend(
+                    tensor
+                        .data()
+                        .as_chunks()
+                        .0
+                        .iter()
+                        .map(|v| f64::from(f32::from_le_bytes(*v))),
+                ),
+                Dtype::F64 => parameters.extend(
+                    tensor
+                        .data()
+                        .as_chunks()
+                        .0
+                        .iter()
+                        .map(|v| f64::from_le_bytes(*v)),
+                ),
+                _ => return Err(ModelError::Shape { name }),
+            }
+        }
+        Ok(Self {
+            settings,
+            frame,
+            parameters,
+        })
+    }
+
+    /// The network in plain Rust; `None` where the number of parameters is not that of the settings.
+    pub fn network(&self) -> Option<PlainNetwork> {
+        let architecture = Architecture::new(&self.settings.network);
+        PlainNetwork::new(architecture, self.parameters.clone())
+    }
+}
+
+/// Name, shape and place of every tensor.
+fn tensors(settings: &Settings) -> Vec<(String, Vec<usize>, std::ops::Range<usize>)> {
+    let layers = Architecture::new(&settings.network).layers().into_iter();
+    layers
+        .flat_map(|layer| {
+            [
+                (
+                    format!("{}.weight", layer.name),
+                    vec![layer.rows, layer.columns],
+                    layer.weight,
+                ),
+                (format!("{}.bias", layer.name), vec![layer.rows], layer.bias),
+            ]
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::initial_parameters;
+    use super::*;
+    use crate::reconstruction::settings::Preset;
+
+    fn model(precision: Precision) -> Model {
+        let mut settings = Preset::Fast.settings();
+        settings.network.precision = precision;
+        settings.network.width = 4;
+        let architecture = Architecture::new(&settings.network);
+        let parameters = match precision {
+            Precision::F32 => initial_parameters::<f32>(&architecture, 1)
+                .into_iter()
+                .map(f64::from)
+                .collect(),
+            Precision::F64 => initial_parameters::<f64>(&architecture, 1),
+        };
+        Model {
+            settings,
+            frame: Frame {
+                centre: [1.0, -2.0, 0.1],
+                scale: 0.3,
+            },
+            parameters,
+        }
+    }
+
+    #[test]
+    fn a_model_survives_its_file_bit_for_bit() {
+        for precision in [Precision::F32, Precision::F64] {
+            let model = model(precision);
+            assert_eq!(Model::decode(&model.encode().unwrap()).unwrap(), model);
+        }
+    }
+
+    #[test]
+    fn damaged_files_are_refused() {
+        let bytes = model(Precision::F32).encode().unwrap();
+        for length in [0, 7, 100, bytes.len() - 1] {
+            assert!(Model::decode(&bytes[..length]).is_err(), "{length}");
+        }
+        let mut short = model(Precision::F32);
+        short.parameters.pop();
+        assert!(short.encode().is_err());
+    }
+}

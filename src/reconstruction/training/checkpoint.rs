@@ -1,0 +1,111 @@
+//! A state of training as bytes: what is needed to go on, exactly, and what it belongs to.
+//!
+//! ```text
+//! magic [8]  identity [32]  SHA-256 of the rest [32]  state (postcard)
+//! ```
+//!
+//! Numbers are kept as their bits, so that a run that is taken up again ends as if it had never
+//! stopped.
+
+use std::borrow::Cow;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use thiserror::Error;
+
+use super::holdout::Chosen;
+use super::iterate::Iterate;
+use super::run::Method;
+use crate::reconstruction::network::Scalar;
+use crate::reconstruction::sampling::Samples;
+use crate::reconstruction::settings::Settings;
+use crate::reconstruction::vector::Vec3;
+
+/// Changes with the state or with what the optimisers do with it.
+const MAGIC: &[u8; 8] = b"MWTRAIN1";
+const HASH_BYTES: usize = 32;
+
+/// Hash of all that a training run depends on.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Identity([u8; HASH_BYTES]);
+
+impl Identity {
+    /// The identity of a run over these samples.
+    pub fn new(settings: &Settings, training: &Samples, validation: &Samples) -> Self {
+        let mut hash = Sha256::new();
+        hash.update(serde_json::to_vec(settings).expect("settings are plain numbers and names"));
+        for samples in [training, validation] {
+            hash.update((samples.points.len() as u64).to_le_bytes());
+            samples.points.iter().for_each(|p: &Vec3| add(&mut hash, p));
+            add(&mut hash, &samples.targets);
+            add(&mut hash, &samples.weights);
+        }
+        Self(hash.finalize().into())
+    }
+}
+
+fn add(hash: &mut Sha256, values: &[f64]) {
+    for value in values {
+        hash.update(value.to_le_bytes());
+    }
+}
+
+/// Where a run stands between two iterations.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+pub(super) struct State<'a, T: Clone> {
+    pub(super) at: Cow<'a, Iterate<T>>,
+    pub(super) method: Cow<'a, Method<T>>,
+    pub(super) best: Option<Cow<'a, Chosen<T>>>,
+    pub(super) iterations: u64,
+    pub(super) evaluations: u64,
+    /// Seconds of training so far, for the time limit.
+    pub(super) elapsed_seconds: f64,
+}
+
+/// Why a checkpoint is not used; completes "the checkpoint …".
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub(super) enum Refusal {
+    #[error("is of another version")]
+    Version,
+    #[error("belongs to another cloud or to other settings")]
+    Identity,
+    #[error("is damaged")]
+    Damaged,
+}
+
+impl<T: Scalar> State<'_, T> {
+    pub(super) fn encode(&self, identity: &Identity) -> Vec<u8> {
+        let state = postcard::to_allocvec(self).expect("a state is numbers, and memory grows");
+        let mut bytes = Vec::with_capacity(MAGIC.len() + 2 * HASH_BYTES + state.len());
+        bytes.extend(MAGIC);
+        bytes.extend(identity.0);
+        bytes.extend(Sha256::digest(&state));
+        bytes.extend(state);
+        bytes
+    }
+
+    /// Reads what [`State::encode`] wrote for a network of `dimension` parameters.
+    pub(super) fn decode(
+        bytes: &[u8],
+        identity: &Identity,
+        dimension: usize,
+    ) -> Result<State<'static, T>, Refusal> {
+        let rest = bytes.strip_prefix(MAGIC).ok_or(Refusal::Version)?;
+        let (found, rest) = rest.split_first_chunk().ok_or(Refusal::Damaged)?;
+        if *found != identity.0 {
+            return Err(Refusal::Identity);
+        }
+        let (hash, state) = rest
+            .split_first_chunk::<HASH_BYTES>()
+            .ok_or(Refusal::Damaged)?;
+        if Sha256::digest(state).as_slice() != hash {
+            return Err(Refusal::Damaged);
+        }
+        let state: State<'static, T> = postcard::from_bytes(state).map_err(|_| Refusal::Damaged)?;
+        if state.at.parameters.len() != dimension {
+            return Err(Refusal::Damaged);
+        }
+        Ok(state)
+    }
+}

@@ -1,0 +1,188 @@
+//! What becomes of jobs when processes die, stop, hang, or take too much memory.
+
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use meshway::jobs::{FailureReason, Job, Status};
+use rustix::process::{Signal, kill_process, test_kill_process};
+use serde_json::json;
+
+use crate::server::{Folder, PATIENCE, PROGRAM, until};
+
+/// A killed worker's job runs again within so long; ten seconds are promised.
+const AGAIN: Duration = Duration::from_secs(10);
+
+#[tokio::test]
+async fn the_job_of_a_killed_worker_runs_again() {
+    let folder = Folder::new().await;
+    let _server = folder.serve(&["--script=sleep:1"]).await;
+    let id = folder.submit(json!({})).await;
+    let worker = folder.running(&id).await;
+    kill_process(worker, Signal::KILL).unwrap();
+    until("the job runs again", AGAIN, async || {
+        (folder.job(&id).await.attempt == 2).then_some(())
+    })
+    .await;
+    let job = folder.end(&id).await;
+    assert_eq!((job.status, job.attempt, job.failures), (Status::Succeeded, 2, 1));
+    assert!(
+        matches!(
+            job.failure_reason,
+            Some(FailureReason::WorkerCrashed { signal: Some(9), .. })
+        ),
+        "{:?}",
+        job.failure_reason
+    );
+    folder.events(&id).await;
+}
+
+#[tokio::test]
+async fn three_crashes_are_enough() {
+    for (script, signal, exit_code) in [("crash", Some(6), None), ("exit", None, Some(7))] {
+        let folder = Folder::new().await;
+        let server = folder.serve(&[&format!("--script={script}")]).await;
+        let id = folder.submit(json!({})).await;
+        let job = folder.end(&id).await;
+        assert_eq!((job.status, job.attempt), (Status::Failed, 3), "{}", server.log());
+        assert_eq!(job.error.unwrap().code, "worker_crashed");
+        let reason = FailureReason::WorkerCrashed { signal, exit_code };
+        assert_eq!(job.failure_reason, Some(reason));
+        folder.events(&id).await;
+    }
+}
+
+#[tokio::test]
+async fn too_much_memory_is_named() {
+    let folder = Folder::new().await;
+    // Half of what the script takes, and more than a worker needs.
+    let _server = folder.serve(&["--script=oom", "--worker-memory-mib=1024"]).await;
+    let id = folder.submit(json!({})).await;
+    let job = folder.end(&id).await;
+    assert_eq!(job.status, Status::Failed);
+    assert_eq!(job.error.unwrap().code, "out_of_memory", "{:?}", job.failure_reason);
+}
+
+#[tokio::test]
+async fn a_computation_that_does_not_stop_is_ended_with_its_process() {
+    let folder = Folder::new().await;
+    let _server = folder.serve(&["--script=hang", "--grace-milliseconds=300"]).await;
+    let id = folder.submit(json!({})).await;
+    let worker = folder.running(&id).await;
+    folder.store.request_cancel(&id).await.unwrap();
+    assert_eq!(folder.end(&id).await.status, Status::Cancelled);
+    until("the process ends", PATIENCE, async || test_kill_process(worker).err()).await;
+    // Another process takes its place.
+    let next = folder.submit(json!({})).await;
+    assert_ne!(folder.running(&next).await, worker);
+    folder.events(&id).await;
+}
+
+#[tokio::test]
+async fn a_killed_server_loses_no_job_and_finishes_none_twice() {
+    let folder = Folder::new().await;
+    let server = folder.serve(&["--script=sleep:1"]).await;
+    let first = folder.submit(json!({})).await;
+    let second = folder.submit(json!({})).await;
+    let worker = folder.running(&first).await;
+    drop(server);
+    // Its workers hear of it by the end of their input, and give their jobs back.
+    until("the worker ends", PATIENCE, async || test_kill_process(worker).err()).await;
+    let job = folder.job(&first).await;
+    assert_eq!((job.status, job.failures), (Status::Queued, 0));
+
+    let _server = folder.serve(&["--script=sleep:1"]).await;
+    for id in [&first, &second] {
+        assert_eq!(folder.end(id).await.status, Status::Succeeded);
+        folder.events(id).await;
+    }
+}
+
+#[tokio::test]
+async fn a_server_and_its_worker_killed_at_once_lose_no_job() {
+    let folder = Folder::new().await;
+    let server = folder.serve(&["--script=sleep:1"]).await;
+    let id = folder.submit(json!({})).await;
+    let worker = folder.running(&id).await;
+    kill_process(worker, Signal::STOP).unwrap();
+    drop(server);
+    kill_process(worker, Signal::KILL).unwrap();
+
+    let _server = folder.serve(&["--script=sleep:1"]).await;
+    let job = folder.end(&id).await;
+    assert_eq!((job.status, job.attempt), (Status::Succeeded, 2));
+    folder.events(&id).await;
+}
+
+#[tokio::test]
+async fn a_server_that_is_asked_to_end_gives_its_jobs_back() {
+    let folder = Folder::new().await;
+    let server = folder.serve(&["--script=sleep:30"]).await;
+    let id = folder.submit(json!({})).await;
+    folder.running(&id).await;
+    let (status, took) = server.terminate().await;
+    assert!(status.success());
+    // Half a minute is promised; nothing here needs any of it.
+    assert!(took < Duration::from_secs(15), "{took:?}");
+    let job = folder.job(&id).await;
+    assert_eq!((job.status, job.attempt, job.failures), (Status::Queued, 1, 0));
+
+    let _server = folder.serve(&["--script=instant"]).await;
+    let job = folder.end(&id).await;
+    assert_eq!((job.status, job.attempt, job.failures), (Status::Succeeded, 2, 0));
+    folder.events(&id).await;
+}
+
+#[tokio::test]
+async fn a_stopped_worker_is_killed_and_its_job_runs_again() {
+    let folder = Folder::new().await;
+    let _server = folder.serve(&["--script=sleep:1"]).await;
+    let id = folder.submit(json!({})).await;
+    let worker = folder.running(&id).await;
+    kill_process(worker, Signal::STOP).unwrap();
+    let job = folder.end(&id).await;
+    assert_eq!((job.status, job.attempt, job.failures), (Status::Succeeded, 2, 1));
+    test_kill_process(worker).unwrap_err();
+    folder.events(&id).await;
+}
+
+#[tokio::test]
+async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
+    let folder = Folder::new().await;
+    // Without a server, so that nobody kills it.
+    let mut worker = Command::new(PROGRAM)
+        .args(["worker", "--slot=0", "--threads=1", "--job-time-limit-seconds=60"])
+        .args(["--checkpoint-seconds=10", "--max-events=1000", "--max-metrics=1000"])
+        .args(["--grace-milliseconds=10000", "--script=sleep:3", "--log-format=text"])
+        .args(["--log=off", "--data-dir"])
+        .arg(folder.path())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let id = folder.submit(json!({})).await;
+    let pid = folder.running(&id).await;
+    kill_process(pid, Signal::STOP).unwrap();
+    let store = &folder.store;
+    until("the lease runs out", PATIENCE, async || {
+        let reaped = store.reap_expired().await.unwrap();
+        (reaped == [id.clone()]).then_some(())
+    })
+    .await;
+    let claim = store.claim("another", 60_000).await.unwrap().unwrap();
+    assert_eq!((claim.job_id(), claim.attempt), (&id, 2));
+    let before = folder.events(&id).await;
+    kill_process(pid, Signal::CONT).unwrap();
+
+    // That it takes the next job says that it is done with the lost one.
+    let next = folder.submit(json!({})).await;
+    assert_eq!(folder.end(&next).await.status, Status::Succeeded);
+    assert_eq!(folder.events(&id).await, before);
+    let held = |job: &Job| (job.status, job.attempt, job.worker.clone());
+    let another = Some("another".to_owned());
+    assert_eq!(held(&folder.job(&id).await), (Status::Running, 2, another));
+
+    // The end of its input ends it.
+    drop(worker.stdin.take());
+    let status = until("the worker ends", PATIENCE, async || worker.try_wait().unwrap()).await;
+    assert!(status.success());
+}

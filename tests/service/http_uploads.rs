@@ -1,0 +1,186 @@
+//! Uploads that are refused, and that they leave nothing.
+
+use axum::body::{Body, Bytes};
+use axum::http::Request;
+use futures_util::{StreamExt, stream};
+use serde_json::json;
+
+use crate::http_support::{
+    Service, encoded, form_request, gzip, json_request, sphere_xyz, upload_request,
+};
+
+#[tokio::test]
+async fn what_is_no_cloud_is_refused_and_leaves_nothing() {
+    let service = Service::with(&["--max-points=1000"]).await;
+    let rows = |row: &str| row.repeat(20).into_bytes();
+    let plane: String = (0..40)
+        .map(|i| format!("{} {} 0\n", i % 7, i / 7))
+        .collect();
+    let ply = "ply\nformat ascii 1.0\nelement vertex 99\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n";
+    let cases: Vec<(Vec<u8>, u16, &str)> = vec![
+        (vec![], 422, "cloud_empty"),
+        (b"0 0 0\n1 0 0\n".to_vec(), 422, "cloud_too_few_points"),
+        (rows("1 2 3\n"), 422, "cloud_degenerate"),
+        (plane.into_bytes(), 422, "cloud_degenerate"),
+        (rows("nan 0 0\n"), 422, "cloud_not_finite"),
+        (
+            [sphere_xyz(40, 0.0), "1 x 3\n".to_owned()]
+                .concat()
+                .into_bytes(),
+            422,
+            "cloud_row",
+        ),
+        (rows("1e30 2 3\n"), 422, "cloud_too_large"),
+        (ply.as_bytes().to_vec(), 422, "cloud_truncated"),
+        (
+            ply.replace("ascii", "klingon").into_bytes(),
+            422,
+            "cloud_header",
+        ),
+        (
+            ply.replace(" x\n", " a\n").into_bytes(),
+            422,
+            "cloud_no_coordinates",
+        ),
+        (b"PK\x03\x04 a zip file".to_vec(), 415, "unsupported_format"),
+        (gzip(b"0 0 0")[..12].to_vec(), 415, "unsupported_encoding"),
+        (sphere_xyz(1_001, 0.0).into_bytes(), 413, "too_many_points"),
+    ];
+    for (body, status, code) in cases {
+        service
+            .send(upload_request(body))
+            .await
+            .expect_problem(status, code);
+    }
+    let row = service
+        .send(upload_request(sphere_xyz(40, 0.0) + "1 x 3\n"))
+        .await;
+    assert!(row.json()["detail"].as_str().unwrap().contains("line 41"));
+
+    service
+        .send(encoded("br", vec![1]))
+        .await
+        .expect_problem(415, "unsupported_encoding");
+    service
+        .send(encoded("gzip", b"no gzip".to_vec()))
+        .await
+        .expect_problem(415, "unsupported_encoding");
+    let zstd = zstd::encode_all(&sphere_xyz(40, 0.0).into_bytes()[..], 3).unwrap();
+    let cut = zstd[..zstd.len() / 2].to_vec();
+    service
+        .send(encoded("zstd", cut))
+        .await
+        .expect_problem(415, "unsupported_encoding");
+    let json = service.send(json_request("/v1/clouds", &json!({}))).await;
+    json.expect_problem(415, "unsupported_format");
+    service
+        .send(form_request("/v1/clouds", &[]))
+        .await
+        .expect_problem(400, "malformed_multipart");
+    let other = form_request("/v1/clouds", &[("cloud", "", b"1")]);
+    service
+        .send(other)
+        .await
+        .expect_problem(400, "malformed_multipart");
+    let broken =
+        Request::post("/v1/clouds").header("content-type", "multipart/form-data; boundary=XX");
+    let broken =
+        broken.body("--XX\r\nContent-Disposition: form-data; name=\"file\"\r\n\r\nabc".into());
+    service
+        .send(broken.unwrap())
+        .await
+        .expect_problem(400, "malformed_multipart");
+    let unknown = Request::post("/v1/clouds?name=x")
+        .body(Body::from("1"))
+        .unwrap();
+    let problem = service
+        .send(unknown)
+        .await
+        .expect_problem(422, "request_invalid");
+    assert_eq!(problem["errors"][0]["pointer"], "/name");
+
+    assert!(
+        service.files("clouds").is_empty(),
+        "{:?}",
+        service.files("clouds")
+    );
+    service
+        .until("tmp is empty", |service| service.files("tmp").is_empty())
+        .await;
+}
+
+#[tokio::test]
+async fn a_body_beyond_the_limit_ends_early() {
+    let service = Service::with(&["--body-limit-mib=1"]).await;
+    let large = vec![b'1'; (1 << 20) + 1];
+    let declared = Request::post("/v1/clouds").header("content-length", large.len());
+    let declared = declared.body(Body::from_stream(stream::pending::<
+        Result<Bytes, std::io::Error>,
+    >()));
+    // Its body never comes: the length alone is refused.
+    service
+        .send(declared.unwrap())
+        .await
+        .expect_problem(413, "body_too_large");
+    let chunks = stream::iter(
+        large
+            .chunks(1000)
+            .map(|chunk| Ok::<_, std::io::Error>(Bytes::copy_from_slice(chunk)))
+            .collect::<Vec<_>>(),
+    );
+    let undeclared = upload_request(Body::from_stream(chunks));
+    service
+        .send(undeclared)
+        .await
+        .expect_problem(413, "body_too_large");
+    let form = form_request("/v1/clouds", &[("file", "", &large)]);
+    service
+        .send(form)
+        .await
+        .expect_problem(413, "body_too_large");
+    // A body that packs well but not absurdly: only its decoded size is too much.
+    let decoded: Vec<u8> = (0..300_000)
+        .flat_map(|i: u32| format!("{}\n", i.wrapping_mul(2_654_435_761)).into_bytes())
+        .collect();
+    service
+        .send(encoded("gzip", gzip(&decoded)))
+        .await
+        .expect_problem(413, "body_too_large");
+    service
+        .until("tmp is empty", |service| service.files("tmp").is_empty())
+        .await;
+}
+
+#[tokio::test]
+async fn a_bomb_is_cut_by_its_ratio() {
+    let service = Service::new().await;
+    let bomb = vec![b'0'; 64 << 20];
+    let bombs = [
+        ("gzip", gzip(&bomb)),
+        ("zstd", zstd::encode_all(&bomb[..], 3).unwrap()),
+    ];
+    for (encoding, body) in bombs {
+        let problem = service
+            .send(encoded(encoding, body))
+            .await
+            .expect_problem(413, "body_too_large");
+        assert!(
+            problem["detail"].as_str().unwrap().contains("100 times"),
+            "{problem}"
+        );
+    }
+}
+
+#[tokio::test]
+async fn an_upload_that_stands_still_ends_with_408() {
+    let service = Service::with(&["--upload-timeout-seconds=1"]).await;
+    let start = stream::iter([Ok::<_, std::io::Error>(Bytes::from_static(b"0 0 0\n"))]);
+    let stalls = Body::from_stream(start.chain(stream::pending()));
+    service
+        .send(upload_request(stalls))
+        .await
+        .expect_problem(408, "upload_timeout");
+    service
+        .until("tmp is empty", |service| service.files("tmp").is_empty())
+        .await;
+}

@@ -1,0 +1,26 @@
+//! Tests of the service. One binary, because linking libtorch is slow.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod faults;
+mod http_clouds;
+mod http_contract;
+mod http_door;
+mod http_events;
+mod http_idempotency;
+mod http_jobs;
+mod http_lists;
+mod http_support;
+mod http_uploads;
+mod http_waits;
+mod faults;
+mod http_meshes;
+mod http_support;
+mod http_system;
+mod server;
+mod store_catalogue;
+mod store_content;
+mod store_life;
+mod store_machine;
+mod store_support;
+mod store_writer;
+mod work;

@@ -1,0 +1,208 @@
+//! A real `meshway serve` on a free port, and the folder it works in, seen through the store.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use meshway::jobs::{CloudId, Event, Job, JobId, NewCloud, NewJob, Status, Store, store::Options};
+use meshway::reconstruction::settings::{Preset, Settings};
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+/// How long anything may take on a busy machine before a test gives up.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
+/// Time between two looks at a condition.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// The program under test.
+pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_meshway");
+
+/// The folder of a service with one cloud in it.
+pub(crate) struct Folder {
+    dir: TempDir,
+    pub(crate) store: Store,
+    cloud_id: CloudId,
+}
+
+impl Folder {
+    pub(crate) async fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("clouds")).unwrap();
+        let sha256 = "a".repeat(64);
+        let bytes = cloud();
+        fs::write(dir.path().join("clouds").join(&sha256), &bytes).unwrap();
+        let store = Store::open(dir.path(), Options::default()).await.unwrap();
+        let new = NewCloud {
+            sha256,
+            bytes: bytes.len() as u64,
+            format: "xyz".to_owned(),
+            points: POINTS as u64,
+            summary: json!({}),
+        };
+        let (cloud, _) = store.insert_cloud(new).await.unwrap();
+        Self {
+            dir,
+            store,
+            cloud_id: cloud.id,
+        }
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        self.dir.path()
+    }
+
+    /// Starts a server and waits until it listens.
+    pub(crate) async fn serve(&self, flags: &[&str]) -> Server {
+        let log = unused(&self.path().join("log"));
+        let child = Command::new(PROGRAM)
+            .args(["serve", "--listen=127.0.0.1:0", "--disk-reserve-mib=0"])
+            .args(["--disk-reserve-percent=0", "--data-dir"])
+            .arg(self.path())
+            .args(flags)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(File::create(&log).unwrap())
+            .spawn()
+            .unwrap();
+        let mut server = Server { child, log };
+        until("the server listens", PATIENCE, async || {
+            assert!(server.child.try_wait().unwrap().is_none(), "{}", server.log());
+            server.log().contains("listening on http://127.0.0.1:").then_some(())
+        })
+        .await;
+        server
+    }
+
+    /// Puts a job into the queue, with settings that differ from those of a quick run.
+    pub(crate) async fn submit(&self, settings: Value) -> JobId {
+        let mut all = json!({
+            "training": { "max_evaluations": 40 },
+            "surface": { "resolution": 32 },
+        });
+        for (group, values) in settings.as_object().unwrap() {
+            for (name, value) in values.as_object().unwrap() {
+                all[group][name] = value.clone();
+            }
+        }
+        let new = NewJob {
+            cloud_id: self.cloud_id.clone(),
+            preset: Preset::Fast,
+            settings: Settings::resolve(Preset::Fast, &all).unwrap(),
+            labels: std::collections::BTreeMap::new(),
+            derived_from: None,
+        };
+        self.store.submit(new, None).await.unwrap().id
+    }
+
+    pub(crate) async fn job(&self, id: &JobId) -> Job {
+        self.store.job(id).await.unwrap().found().unwrap()
+    }
+
+    /// Waits until the job is as wanted.
+    pub(crate) async fn wait(&self, id: &JobId, what: &str, is: impl Fn(&Job) -> bool) -> Job {
+        until(what, PATIENCE, async || {
+            let job = self.job(id).await;
+            is(&job).then_some(job)
+        })
+        .await
+    }
+
+    /// Waits until the job has ended.
+    pub(crate) async fn end(&self, id: &JobId) -> Job {
+        self.wait(id, "the job ends", |job| job.status.is_final()).await
+    }
+
+    /// Waits until a worker works on the job; gives the worker's process.
+    pub(crate) async fn running(&self, id: &JobId) -> Pid {
+        let working = |job: &Job| job.status == Status::Running && job.phase.is_some();
+        let job = self.wait(id, "the job runs", working).await;
+        let name = job.worker.unwrap();
+        let pid = name.rsplit('-').next().unwrap().parse().unwrap();
+        Pid::from_raw(pid).unwrap()
+    }
+
+    /// The events of a job; their ids have no gap, they say one end at most, and that comes last.
+    pub(crate) async fn events(&self, id: &JobId) -> Vec<Event> {
+        let events = self.store.events_after(id, 0, 100_000).await.unwrap();
+        let ids: Vec<i64> = events.iter().map(|event| event.id).collect();
+        assert_eq!(ids, (1..=events.len() as i64).collect::<Vec<_>>());
+        let last = |event: &Event| {
+            let ends = ["job.succeeded", "job.failed", "job.cancelled"];
+            ends.contains(&event.event.as_str())
+        };
+        if let Some(end) = events.iter().position(last) {
+            assert_eq!(end + 1, events.len(), "{events:?}");
+        }
+        events
+    }
+}
+
+/// Points on the unit sphere, along a spiral.
+const POINTS: usize = 300;
+
+fn cloud() -> Vec<u8> {
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    let row = |k: usize| {
+        let z = 1.0 - (2.0 * k as f64 + 1.0) / POINTS as f64;
+        let ring = (1.0 - z * z).sqrt();
+        let (y, x) = (golden * k as f64).sin_cos();
+        format!("{} {} {z}\n", ring * x, ring * y)
+    };
+    (0..POINTS).map(row).collect::<String>().into_bytes()
+}
+
+fn unused(path: &Path) -> PathBuf {
+    let names = (0..).map(|k| path.with_extension(k.to_string()));
+    let mut unused = names.filter(|path| !path.exists());
+    unused.next().unwrap()
+}
+
+/// A running server; killed when it is dropped.
+pub(crate) struct Server {
+    child: Child,
+    log: PathBuf,
+}
+
+impl Server {
+    pub(crate) fn log(&self) -> String {
+        fs::read_to_string(&self.log).unwrap_or_default()
+    }
+
+    /// Asks the server to end, and waits until it has.
+    pub(crate) async fn terminate(mut self) -> (ExitStatus, Duration) {
+        let start = Instant::now();
+        let pid = Pid::from_raw(self.child.id() as i32).unwrap();
+        kill_process(pid, Signal::TERM).unwrap();
+        let status = until("the server ends", PATIENCE, async || self.child.try_wait().unwrap()).await;
+        (status, start.elapsed())
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        // One that has ended is not killed.
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// Looks again and again until there is something.
+///
+/// # Panics
+/// When there is nothing in time.
+pub(crate) async fn until<T>(
+    what: &str,
+    patience: Duration,
+    mut look: impl AsyncFnMut() -> Option<T>,
+) -> T {
+    let start = Instant::now();
+    loop {
+        if let Some(found) = look().await {
+            return found;
+        }
+        assert!(start.elapsed() < patience, "waited in vain: {what}");
+        tokio::time::sleep(LOOK).await;
+    }
+}

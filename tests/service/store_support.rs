@@ -1,0 +1,142 @@
+//! A store in a temporary folder, with a clock that stands until it is moved.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::time::Duration;
+
+use meshway::jobs::store::DATABASE_FILE;
+use meshway::jobs::{
+    Claim, CloudId, Event, Job, JobId, NewCloud, NewJob, NewMesh, Options, Record, Store, Success,
+};
+use meshway::reconstruction::{Phase, Preset};
+use serde_json::json;
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{ConnectOptions, SqliteConnection};
+use tempfile::TempDir;
+
+/// Length of the leases of the tests, in milliseconds of the standing clock.
+pub(crate) const LEASE_MS: i64 = 6_000;
+
+pub(crate) struct Bench {
+    pub(crate) store: Store,
+    pub(crate) cloud_id: CloudId,
+    clock: Arc<AtomicI64>,
+    dir: TempDir,
+}
+
+impl Bench {
+    pub(crate) async fn new() -> Self {
+        Self::with(|_| {}).await
+    }
+
+    pub(crate) async fn with(change: impl FnOnce(&mut Options)) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let clock = Arc::new(AtomicI64::new(1_000_000));
+        let mut options = options(&clock);
+        change(&mut options);
+        let store = Store::open(dir.path(), options).await.unwrap();
+        let (cloud, created) = store.insert_cloud(new_cloud("a")).await.unwrap();
+        assert!(created);
+        Self {
+            store,
+            cloud_id: cloud.id,
+            clock,
+            dir,
+        }
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        self.dir.path()
+    }
+
+    /// Another process's hold on the same database.
+    pub(crate) async fn second(&self) -> Store {
+        Store::open(self.path(), options(&self.clock))
+            .await
+            .unwrap()
+    }
+
+    /// A bare connection to the same database.
+    pub(crate) async fn connection(&self) -> SqliteConnection {
+        SqliteConnectOptions::new()
+            .filename(self.path().join(DATABASE_FILE))
+            .busy_timeout(Duration::from_secs(5))
+            .connect()
+            .await
+            .unwrap()
+    }
+
+    pub(crate) fn pass(&self, milliseconds: i64) {
+        self.clock.fetch_add(milliseconds, Ordering::SeqCst);
+    }
+
+    pub(crate) fn new_job(&self) -> NewJob {
+        NewJob {
+            cloud_id: self.cloud_id.clone(),
+            preset: Preset::Fast,
+            settings: Preset::Fast.settings(),
+            labels: BTreeMap::from([("patient".to_owned(), "p 1".to_owned())]),
+            derived_from: None,
+        }
+    }
+
+    pub(crate) async fn submit(&self) -> Job {
+        self.store.submit(self.new_job(), None).await.unwrap()
+    }
+
+    pub(crate) async fn claim(&self) -> Claim {
+        self.store.claim("w", LEASE_MS).await.unwrap().unwrap()
+    }
+
+    pub(crate) async fn job(&self, id: &JobId) -> Job {
+        self.store.job(id).await.unwrap().found().unwrap()
+    }
+
+    pub(crate) async fn events(&self, id: &JobId) -> Vec<Event> {
+        self.store.events_after(id, 0, 10_000).await.unwrap()
+    }
+
+    /// Names of a job's events; checks on the way that their ids are 1, 2, 3, ….
+    pub(crate) async fn event_names(&self, id: &JobId) -> Vec<String> {
+        let events = self.events(id).await;
+        for (event, expected) in events.iter().zip(1..) {
+            assert_eq!(event.id, expected);
+        }
+        assert_eq!(self.job(id).await.events, events.len() as i64);
+        events.into_iter().map(|event| event.event).collect()
+    }
+}
+
+fn options(clock: &Arc<AtomicI64>) -> Options {
+    let clock = Arc::clone(clock);
+    Options {
+        clock: Arc::new(move || clock.load(Ordering::SeqCst)),
+        ..Options::default()
+    }
+}
+
+pub(crate) fn new_cloud(sha256: &str) -> NewCloud {
+    NewCloud {
+        sha256: sha256.to_owned(),
+        bytes: 12,
+        format: "ply".to_owned(),
+        points: 1_000,
+        summary: json!({"normals": false}),
+    }
+}
+
+pub(crate) fn success() -> Success {
+    Success {
+        mesh: NewMesh::new(4, 4, vec![7; 10]),
+        report: json!({"closed": true}),
+        model: vec![1, 2, 3],
+        last: Record {
+            phase: Some(Phase::Report),
+            evaluations: Some(300),
+            loss: Some(0.5),
+            ..Record::default()
+        },
+    }
+}
