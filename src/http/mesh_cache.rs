@@ -178,7 +178,7 @@ fn encode(ply: &[u8], format: Format, folder: &Path, name: &str) -> Result<Encod
     Ok(Encoded {
         path,
         bytes: file.bytes,
-        sha256: hex(&file.hash.finalize()),
+        sha256: hex(file.hash.finalize()),
     })
 }
 

@@ -126,7 +126,8 @@ mod tests {
 
     use super::*;
     use crate::config::Config;
-    use crate::http::{App, Workers};
+    use crate::http::App;
+    use crate::jobs::Workers;
     use crate::jobs::{Options, Store};
 
     #[derive(Parser)]
