@@ -3,14 +3,13 @@
 use std::cell::OnceCell;
 
 use criterion::{BenchmarkId, Criterion};
-use meshway::reconstruction::network::{Architecture, Engine, Libtorch, initial_parameters};
-use meshway::reconstruction::sampling::prepare;
-use meshway::reconstruction::settings::{Preset, Training};
+use meshway::reconstruction::network::{Architecture, Engine, Libtorch};
+use meshway::reconstruction::sampling::Samples;
+use meshway::reconstruction::settings::Preset;
 use meshway::reconstruction::shapes::{Recipe, Shape, sample};
 use meshway::reconstruction::surface::{Field, Request, extract};
-use meshway::reconstruction::training::{Hooks, train};
 use meshway::reconstruction::vector::Bounds;
-use meshway::reconstruction::{Event, Observer, Settings};
+use meshway::reconstruction::{Event, Observer, reconstruct};
 
 /// A network that was trained on a hand, and the box to look for its surface in.
 struct Hand {
@@ -31,32 +30,21 @@ impl Observer for Nobody {
 
 impl Hand {
     fn trained() -> Self {
-        tch::set_num_threads(1);
-        let balanced = Preset::Balanced.settings();
-        let settings = Settings {
-            training: Training {
-                max_evaluations: 400,
-                ..balanced.training
-            },
-            ..balanced
-        };
+        let mut settings = Preset::Balanced.settings();
+        settings.training.max_evaluations = 400;
+        // The mesh of this run is not looked at.
+        settings.surface.resolution = 64;
         let cloud = sample(&Shape::Hand, &Recipe::default());
-        let prepared = prepare(&cloud, &settings, &|| false).expect("a hand has a surface");
+        let made = reconstruct(&cloud, &settings, &Nobody).expect("a hand can be reconstructed");
         let architecture = Architecture::new(&settings.network);
-        let start = initial_parameters(&architecture, settings.training.seed);
-        let engine = Libtorch::new(architecture, &prepared.training, &prepared.validation)
-            .expect("libtorch takes the samples");
-        let hooks = Hooks {
-            observer: &Nobody,
-            snapshot: &mut |_, _| Ok(()),
-        };
-        let trained = train(&engine, start, &settings.training, hooks).expect("the loss is finite");
-        let points = cloud.points.iter().map(|&p| prepared.frame.to_unit(p));
+        let none = Samples::default();
+        let engine = Libtorch::new(architecture, &none, &none).expect("libtorch makes tensors");
+        let points = cloud.points.iter().map(|&p| made.model.frame.to_unit(p));
         let bounds = Bounds::of(&points.collect::<Vec<_>>()).expect("there are points");
         Self {
-            parameters: trained.parameters,
-            bounds: bounds.padded(settings.surface.padding * bounds.longest_edge()),
             engine,
+            parameters: made.model.parameters.iter().map(|&p| p as f32).collect(),
+            bounds: bounds.padded(settings.surface.padding * bounds.longest_edge()),
         }
     }
 
