@@ -59,8 +59,8 @@ impl Reader {
     async fn block(&mut self) -> Option<String> {
         loop {
             if let Some((block, rest)) = self.text.split_once("\n\n") {
-                let block = block.to_owned();
-                self.text = rest.to_owned();
+                let (block, rest) = (block.to_owned(), rest.to_owned());
+                self.text = rest;
                 return Some(block);
             }
             let chunk = tokio::time::timeout(PATIENCE, self.body.next());
@@ -76,8 +76,8 @@ impl Reader {
                 continue;
             }
             let field = |name: &str| {
-                let lines = block.lines();
-                lines.filter_map(|line| line.strip_prefix(name)).next()
+                let mut lines = block.lines();
+                lines.find_map(|line| line.strip_prefix(name))
             };
             return Some(Frame {
                 id: field("id: ").map(|id| id.parse().unwrap()),

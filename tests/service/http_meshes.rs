@@ -86,10 +86,7 @@ async fn a_mesh_is_the_same_in_every_format() {
         let answer = service.get(&path).await.expect(200);
         expect_contract(&answer, "get", "/v1/jobs/{id}/mesh.{format}");
         assert_eq!(answer.header("content-type"), media_type);
-        let hash: String = Sha256::digest(&answer.body)
-            .iter()
-            .map(|byte| format!("{byte:02x}"))
-            .collect();
+        let hash = hex::encode(Sha256::digest(&answer.body));
         assert_eq!(answer.header("etag"), format!("\"{hash}\""));
         assert_eq!(
             answer.header("content-disposition"),

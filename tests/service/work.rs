@@ -37,7 +37,6 @@ async fn a_job_becomes_a_mesh_a_report_and_a_model() {
     assert!(bytes.starts_with(b"ply\n") && mesh.triangles > 100);
     assert_eq!(store.snapshots(&id).await.unwrap().len(), 1);
     assert_eq!(store.gradients(&id).await.unwrap().len(), 2);
-    let model = Model::decode(&store.model(&id).await.unwrap().unwrap().0).unwrap();
     let (model, _) = store.model(&id).await.unwrap().unwrap();
     let model = Model::decode(&model).unwrap();
     assert_eq!(model.settings, job.settings);
