@@ -12,7 +12,7 @@ use crate::reconstruction::shapes::{Recipe, Shape, sample};
 /// Arguments of `meshway sample`.
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// sphere[:RADIUS], torus[:MAJOR:MINOR], hand, uterus or abdomen.
+    /// `sphere`, `sphere:RADIUS`, `torus`, `torus:MAJOR:MINOR`, `hand`, `uterus` or `abdomen`.
     shape: String,
     /// Points on the surface.
     #[arg(short = 'n', long, default_value_t = 3_000)]

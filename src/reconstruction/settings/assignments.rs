@@ -4,7 +4,7 @@ use serde_json::{Map, Value};
 
 use super::{Error, Violation};
 
-/// Turns `network.scheme=hw` assignments into the JSON object that [`Settings::resolve`] takes.
+/// Turns `network.scheme=hw` assignments into the JSON object that [`Settings::resolve`](super::Settings::resolve) takes.
 ///
 /// A value is read as JSON where it is JSON, otherwise as a string.
 ///

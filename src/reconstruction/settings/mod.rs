@@ -1,6 +1,6 @@
 //! Every parameter of a reconstruction: its meaning, its default, its bounds.
 //!
-//! A parameter is a field here, a value in each of the [`presets`], a row of [`BOUNDS`] if it is a
+//! A parameter is a field here, a value in each of the `presets`, a row of [`BOUNDS`] if it is a
 //! number, and one use. What a user gives is a JSON object that holds only what differs from the
 //! preset; [`Settings::resolve`] lays it over the preset and reports every violation at once, each
 //! with a JSON pointer. There is no second, all-optional copy of the structs to keep in step.
