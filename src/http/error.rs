@@ -367,6 +367,7 @@ mod tests {
             cloud::Error::NormalsInvalid(String::new()),
             cloud::Error::UnsupportedFormat(String::new()),
             cloud::Error::Compression(String::new()),
+            cloud::Error::ExpandsTooFar { limit: 1 },
         ];
         for error in errors {
             assert_ne!(

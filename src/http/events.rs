@@ -178,12 +178,20 @@ async fn open(
     job: Option<JobId>,
     after: std::result::Result<i64, (i64, Value)>,
 ) -> Result<Response> {
+    let unknown = after.is_err();
     let listener = app.feed.listen().await?;
     let mut frames = VecDeque::from([Bytes::from(format!("retry: {RETRY_MILLISECONDS}\n\n"))]);
     let last = after.unwrap_or_else(|(newest, state)| {
         frames.push_back(frame(Some(newest), "reset", &state));
         newest
     });
+    // After the reset of a job that has ended nothing can follow.
+    let ended = match &job {
+        Some(job) if unknown => {
+            matches!(app.store.job(job).await?, Lookup::Found(job) if job.status.is_final())
+        }
+        _ => false,
+    };
     let subscription = Subscription {
         app,
         job,
@@ -191,7 +199,7 @@ async fn open(
         last,
         frames,
         behind: true,
-        ended: false,
+        ended,
         comment_at: Instant::now() + SILENCE,
     };
     let frames = stream::unfold(subscription, async |mut subscription| {

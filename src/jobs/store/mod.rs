@@ -114,6 +114,8 @@ impl Store {
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
             .pragma("journal_size_limit", LOG_LIMIT_BYTES)
+            // What a user erases is overwritten: meshes of patients do not stay in free pages.
+            .pragma("secure_delete", "ON")
             .connect()
             .await?;
         migrate(&mut db).await?;

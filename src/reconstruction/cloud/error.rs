@@ -79,9 +79,15 @@ pub enum Error {
     /// Not one of the formats.
     #[error("{0}")]
     UnsupportedFormat(String),
-    /// The compressed stream is damaged or expands beyond its limit.
+    /// The compressed stream is damaged.
     #[error("gzip: {0}")]
     Compression(String),
+    /// The compressed data are larger inside than they may be.
+    #[error("compressed: expands to more than {limit} bytes")]
+    ExpandsTooFar {
+        /// Most bytes that they may expand to.
+        limit: usize,
+    },
 }
 
 impl Error {
@@ -101,6 +107,7 @@ impl Error {
             Self::NormalsInvalid(_) => "normals_invalid",
             Self::UnsupportedFormat(_) => "unsupported_format",
             Self::Compression(_) => "unsupported_encoding",
+            Self::ExpandsTooFar { .. } => "body_too_large",
         }
     }
 }

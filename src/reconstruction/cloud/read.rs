@@ -122,8 +122,7 @@ fn expand(packed: &[u8], limits: &Limits) -> Result<Vec<u8>, Error> {
         })
     })?;
     if expanded.len() > limit {
-        let detail = format!("the file expands to more than {limit} bytes");
-        return Err(Error::Compression(detail));
+        return Err(Error::ExpandsTooFar { limit });
     }
     Ok(expanded)
 }

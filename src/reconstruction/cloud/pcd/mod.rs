@@ -108,8 +108,7 @@ fn expand(body: &[u8], header: &Header<'_>, limits: &Limits) -> Result<Vec<u8>, 
     }
     if expanded > limits.expanded(packed) {
         let limit = limits.expanded(packed);
-        let detail = format!("LZF: the data expand to more than {limit} bytes");
-        return Err(Error::Compression(detail));
+        return Err(Error::ExpandsTooFar { limit });
     }
     lzf::expand(&rest[..packed], expanded)
         .ok_or_else(|| Error::Compression("LZF: the data are damaged".to_owned()))
