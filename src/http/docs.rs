@@ -6,7 +6,8 @@ use std::sync::LazyLock;
 
 use serde_json::Value;
 
-use super::system::OPENAPI;
+/// The contract, as it is committed.
+pub const OPENAPI: &str = include_str!("../../openapi.yaml");
 
 const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;\
 padding:0 1rem;color:#222;background:#fff}code,pre{font:14px/1.5 ui-monospace,monospace;\

@@ -48,9 +48,10 @@ use axum::routing::{MethodFilter, MethodRouter, on};
 use error::{ApiError, Code};
 
 pub use disk::{Disk, Space};
+pub use docs::OPENAPI;
 pub use server::serve;
 pub use state::{App, AppState};
-pub use system::OPENAPI;
+
 pub use telemetry::Telemetry;
 
 /// Bytes that a form may have beyond its file: names, boundaries, the `job` part.

@@ -16,9 +16,6 @@ use super::{AppState, docs, field};
 use crate::reconstruction::Preset;
 use crate::reconstruction::settings::BOUNDS;
 
-/// The contract, as it is committed.
-pub const OPENAPI: &str = include_str!("../../openapi.yaml");
-
 /// Time after which the database counts as not writable: probes give up after some seconds.
 const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -154,7 +151,7 @@ pub(super) async fn metrics(State(app): State<AppState>) -> Result<Response> {
 /// GET /openapi.yaml
 pub(super) async fn openapi() -> Response {
     let media_type = HeaderValue::from_static("application/yaml");
-    ([(CONTENT_TYPE, media_type)], OPENAPI).into_response()
+    ([(CONTENT_TYPE, media_type)], docs::OPENAPI).into_response()
 }
 
 /// GET /docs

@@ -15,7 +15,7 @@ use thiserror::Error;
 
 use super::holdout::Chosen;
 use super::iterate::Iterate;
-use super::run::Method;
+use super::method::Method;
 use crate::reconstruction::network::Scalar;
 use crate::reconstruction::sampling::Samples;
 use crate::reconstruction::settings::Settings;

@@ -8,6 +8,7 @@ mod iterate;
 mod lbfgs;
 mod line_search;
 mod linear_algebra;
+mod method;
 mod monitor;
 mod pairs;
 mod run;
