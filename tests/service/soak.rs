@@ -40,6 +40,7 @@ const WORKERS: usize = 2;
 const CLIENTS: u64 = 3;
 /// Clients wait while so many jobs do, so that the end comes soon after the last submit.
 const QUEUE: u64 = 12;
+const SUBMIT_PAUSE: Duration = Duration::from_millis(150);
 /// A request that takes longer is given up and repeated: its server is stopped or dead.
 const ANSWER: Duration = Duration::from_secs(5);
 /// How long the jobs that are left may take when the faults are over.
@@ -118,6 +119,8 @@ impl Site {
             };
             self.book().accepted.insert(number, id);
             number += CLIENTS;
+            // Jobs that fail at once would crowd out the others.
+            tokio::time::sleep(SUBMIT_PAUSE).await;
         }
     }
 
