@@ -1,5 +1,5 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup build test demo contract check bench deny clean
+.PHONY: help setup build test demo contract check bench bench-service soak deny clean
 .DEFAULT_GOAL := help
 
 help:
@@ -8,6 +8,8 @@ help:
 	@echo "make build   the release binary, target/release/meshway"
 	@echo "make contract  requests made up from openapi.yaml against a served instance (Schemathesis)"
 	@echo "make bench   benchmarks (criterion); tables are in docs/benchmarks.md"
+	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
+	@echo "make soak    jobs under random faults; MINUTES=10"
 	@echo "make check   format, lints, documentation"
 	@echo "make deny    licences, sources and duplicate crates"
 
@@ -32,7 +34,13 @@ check: setup
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items
 
 bench: setup
-	cargo bench --locked
+	cargo bench --locked --bench reconstruction
+
+bench-service: build
+	cargo bench --locked --bench service
+
+soak: setup
+	@./scripts/soak.sh $(MINUTES)
 
 deny:
 	cargo deny --locked check licenses bans sources

@@ -19,8 +19,9 @@ use super::state::PARSED_KIB;
 use super::upload::{Upload, blocking};
 use crate::reconstruction::cloud::{self, Format, Label};
 
-/// Largest file that is read in this process.
-const IN_PROCESS_BYTES: u64 = 32 << 20;
+/// Largest file that is read in this process. The allocator keeps what reading took, once for each
+/// of its arenas: with larger files, many uploads at once would leave hundreds of megabytes.
+const IN_PROCESS_BYTES: u64 = 1 << 20;
 
 /// The same for gzipped files, which may unpack to a hundred times that.
 const IN_PROCESS_GZIP_BYTES: u64 = 1 << 20;
@@ -147,11 +148,12 @@ pub(super) async fn read(app: &AppState, upload: &Upload) -> Result<Summary> {
         } else {
             IN_PROCESS_BYTES
         };
-    let weight = if in_process {
-        let expanded = if gzipped { 16 } else { 1 };
-        ((bytes * expanded) >> 10) as u32 + 1
-    } else {
+    let weight = if gzipped && !in_process {
+        // It may unpack to anything.
         PARSED_KIB
+    } else {
+        let expanded = if gzipped { 16 } else { 1 };
+        u32::try_from((bytes * expanded) >> 10).map_or(PARSED_KIB, |kib| kib + 1)
     };
     let room = Arc::clone(&app.parsing).acquire_many_owned(weight.min(PARSED_KIB));
     let _room = room.await.map_err(ApiError::internal)?;

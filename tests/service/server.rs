@@ -1,6 +1,8 @@
 //! A real `meshway serve` on a free port, and the folder it works in, seen through the store.
 
 use std::fs::{self, File};
+use std::net::SocketAddr;
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -51,6 +53,23 @@ impl Folder {
 
     pub(crate) fn path(&self) -> &Path {
         self.dir.path()
+    }
+
+    pub(crate) fn cloud_id(&self) -> &CloudId {
+        &self.cloud_id
+    }
+
+    /// The processes that work in the folder.
+    pub(crate) fn processes(&self) -> Vec<Pid> {
+        let folder = self.path().as_os_str().as_bytes();
+        let works_here = |line: &[u8]| line.windows(folder.len()).any(|part| part == folder);
+        let processes = fs::read_dir("/proc").unwrap().filter_map(Result::ok);
+        processes
+            .filter(|process| {
+                fs::read(process.path().join("cmdline")).is_ok_and(|l| works_here(&l))
+            })
+            .filter_map(|process| Pid::from_raw(process.file_name().to_str()?.parse().ok()?))
+            .collect()
     }
 
     /// Starts a server and waits until it listens.
@@ -178,11 +197,21 @@ impl Server {
         fs::read_to_string(&self.log).unwrap_or_default()
     }
 
+    /// Where it listens.
+    pub(crate) fn address(&self) -> SocketAddr {
+        let log = self.log();
+        let address = log.split("listening on http://").nth(1).unwrap();
+        address.split_whitespace().next().unwrap().parse().unwrap()
+    }
+
+    pub(crate) fn pid(&self) -> Pid {
+        Pid::from_raw(self.child.id() as i32).unwrap()
+    }
+
     /// Asks the server to end, and waits until it has.
     pub(crate) async fn terminate(mut self) -> (ExitStatus, Duration) {
         let start = Instant::now();
-        let pid = Pid::from_raw(self.child.id() as i32).unwrap();
-        kill_process(pid, Signal::TERM).unwrap();
+        kill_process(self.pid(), Signal::TERM).unwrap();
         let status = until("the server ends", PATIENCE, async || {
             self.child.try_wait().unwrap()
         })
