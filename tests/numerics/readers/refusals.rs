@@ -184,7 +184,7 @@ fn an_lzf_bomb_is_refused() {
     file.extend(8u32.to_le_bytes());
     file.extend(3_600_000_000u32.to_le_bytes());
     file.extend([0, 0, 0xe0, 0xff, 0, 0xe0, 0xff, 0]);
-    assert_eq!(code(&file, "a.pcd"), "unsupported_encoding");
+    assert_eq!(code(&file, "a.pcd"), "body_too_large");
 }
 
 #[test]
