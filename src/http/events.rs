@@ -57,8 +57,12 @@ pub(super) async fn of_job(
     if job.status.is_final() && after == Some(newest) {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    let reset = json!({"oldest": 1, "newest": newest, "job": represent(&job, None)});
-    open(app, Some(id), after.ok_or((newest, reset))).await
+    let reset = || Reset {
+        newest,
+        state: json!({"oldest": 1, "newest": newest, "job": represent(&job, None)}),
+        ended: job.status.is_final(),
+    };
+    open(app, Some(id), after.ok_or_else(reset)).await
 }
 
 /// GET /v1/events
@@ -81,10 +85,11 @@ pub(super) async fn of_all(
             let counts = app.store.counts().await?;
             let counts = Status::ALL.map(|status| (status.name(), counts.get(status)));
             let counts: std::collections::BTreeMap<_, _> = counts.into_iter().collect();
-            Err((
+            Err(Reset {
                 newest,
-                json!({"oldest": oldest, "newest": newest, "jobs": counts}),
-            ))
+                state: json!({"oldest": oldest, "newest": newest, "jobs": counts}),
+                ended: false,
+            })
         }
     };
     open(app, None, after).await
@@ -172,25 +177,30 @@ async fn page(app: &AppState, job: Option<&Job>, asked: &Asked) -> Result<Respon
     Ok(response)
 }
 
+/// What a client gets that asks to continue after an event that there is not.
+struct Reset {
+    /// Id of the newest event: the stream goes on after it.
+    newest: i64,
+    /// The present state.
+    state: Value,
+    /// Whether the state is the last one, so that nothing can follow.
+    ended: bool,
+}
+
 /// Opens a stream after an id, or with a reset to the newest one.
 async fn open(
     app: AppState,
     job: Option<JobId>,
-    after: std::result::Result<i64, (i64, Value)>,
+    after: std::result::Result<i64, Reset>,
 ) -> Result<Response> {
-    let unknown = after.is_err();
     let listener = app.feed.listen().await?;
     let mut frames = VecDeque::from([Bytes::from(format!("retry: {RETRY_MILLISECONDS}\n\n"))]);
-    let last = after.unwrap_or_else(|(newest, state)| {
-        frames.push_back(frame(Some(newest), "reset", &state));
-        newest
-    });
-    // After the reset of a job that has ended nothing can follow.
-    let ended = match &job {
-        Some(job) if unknown => {
-            matches!(app.store.job(job).await?, Lookup::Found(job) if job.status.is_final())
+    let (last, ended) = match after {
+        Ok(id) => (id, false),
+        Err(reset) => {
+            frames.push_back(frame(Some(reset.newest), "reset", &reset.state));
+            (reset.newest, reset.ended)
         }
-        _ => false,
     };
     let subscription = Subscription {
         app,

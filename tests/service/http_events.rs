@@ -159,6 +159,15 @@ async fn an_id_that_is_unknown_is_answered_with_a_reset() {
     let mut stream = Reader::open(&service, "/v1/events", Some("99")).await;
     let reset = stream.frame().await.unwrap();
     assert_eq!(reset.data["jobs"]["queued"], 1);
+
+    // A job that has ended has no more to tell: the stream ends, rather than stay open for ever.
+    let job = id.parse().unwrap();
+    service.store().request_cancel(&job).await.unwrap();
+    let path = format!("/v1/jobs/{id}/events");
+    let mut stream = Reader::open(&service, &path, Some("99")).await;
+    let reset = stream.frame().await.unwrap();
+    assert_eq!(reset.data["job"]["status"], "cancelled");
+    assert!(stream.rest().await.is_empty());
 }
 
 #[tokio::test]
