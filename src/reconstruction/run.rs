@@ -3,7 +3,7 @@
 use super::cloud::PointCloud;
 use super::error::Error;
 use super::mesh::TriangleMesh;
-use super::network::{Architecture, Engine, Libtorch, Model, Scalar, initial_parameters};
+use super::network::{Architecture, Engine, Model, Scalar, engine, initial_parameters};
 use super::observer::{Event, Observer, Phase};
 use super::report::{Report, Stopwatch, Subject, SurfaceReport, TrainingReport};
 use super::sampling::{Prepared, prepare};
@@ -88,8 +88,13 @@ fn run<T: Scalar>(
     let mesher = Mesher::new(cloud, settings, &prepared, observer);
     let architecture = Architecture::new(&settings.network);
     let parameters = initial_parameters::<T>(&architecture, settings.training.seed);
-    let engine = Libtorch::<T>::new(architecture, &prepared.training, &prepared.validation)?;
-    let trained = fit(&engine, parameters, &mesher)?;
+    let engine = engine::<T>(
+        settings.training.engine,
+        &architecture,
+        &prepared.training,
+        &prepared.validation,
+    )?;
+    let trained = fit(engine.as_ref(), parameters, &mesher)?;
     let field = engine.field(&trained.parameters)?;
     stopwatch.lap(Phase::Training);
 
@@ -104,6 +109,7 @@ fn run<T: Scalar>(
         prepared: &prepared,
         mesh: &mesh,
         field: field.as_ref(),
+        engine: engine.name(),
     };
     let mut report = Report::new(&subject, TrainingReport::new(&trained), surface)?;
     stopwatch.lap(Phase::Report);

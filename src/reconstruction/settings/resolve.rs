@@ -7,6 +7,10 @@ use super::{BOUNDS, Error, Preset, Settings, Violation};
 /// Most entries of a list of evaluations: each may store a mesh.
 const MAX_CHOSEN_EVALUATIONS: usize = 100;
 
+/// What is wrong with asking for the fused engine where there is none.
+pub(in crate::reconstruction) const NO_FUSED_ENGINE: &str =
+    "is fused, which has neither precision f64 nor scheme highway; choose auto or libtorch";
+
 impl Settings {
     /// Lays `given`, a JSON object of what differs, over the settings of `preset`.
     ///
@@ -97,6 +101,12 @@ impl Settings {
                 "/sampling/off_surface",
                 "is generated, but near_pairs and far_points are both 0; set one, or choose labels",
             );
+        }
+        if self.training.engine == super::Engine::Fused
+            && (self.network.precision == super::Precision::F64
+                || self.network.scheme == super::Scheme::Highway)
+        {
+            conflict("/training/engine", NO_FUSED_ENGINE);
         }
         if self.surface.evaluation == super::Evaluation::Dense && self.surface.resolution > 512 {
             conflict(
