@@ -3,11 +3,12 @@
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use meshway::jobs::{FailureReason, Job, Status};
+use meshway::jobs::{FailureReason, Job, NewEvent, Options, Record, Status, Store, clock};
 use rustix::process::{Signal, kill_process, test_kill_process};
 use serde_json::json;
 
 use crate::server::{Folder, PATIENCE, PROGRAM, until};
+use crate::wire::Connection;
 
 /// A killed worker's job runs again within so long; ten seconds are promised.
 const AGAIN: Duration = Duration::from_secs(10);
@@ -162,6 +163,78 @@ async fn a_server_that_is_asked_to_end_gives_its_jobs_back() {
         (Status::Succeeded, 2, 0)
     );
     folder.events(&id).await;
+}
+
+#[tokio::test]
+async fn a_server_that_drains_is_still_heard() {
+    let folder = Folder::new().await;
+    // The worker does not look at its flags: it holds the end up until it is killed.
+    let mut server = folder.serve(&["--script=hang"]).await;
+    let id = folder.submit(json!({})).await;
+    let worker = folder.running(&id).await;
+    kill_process(server.pid(), Signal::TERM).unwrap();
+    until("it drains", PATIENCE, async || {
+        server.log().contains("the service stops").then_some(())
+    })
+    .await;
+    let mut connection = Connection::open(server.address()).await.unwrap();
+    let ready = connection.ask("GET /readyz", "", &[]).await.unwrap();
+    assert_eq!(ready.status, 503);
+    assert_eq!(ready.json()["checks"]["not_draining"]["ok"], false);
+    let job = json!({ "cloud_id": folder.cloud_id() });
+    let refused = connection.post("/v1/jobs", "", &job).await.unwrap();
+    assert_eq!(refused.status, 503);
+    assert_eq!(refused.json()["code"], "draining");
+    let read = connection.ask("GET /v1/jobs", "", &[]).await.unwrap();
+    assert_eq!(read.status, 200);
+    drop(connection);
+    kill_process(worker, Signal::KILL).unwrap();
+    assert!(server.ended().await.success());
+}
+
+#[tokio::test]
+async fn a_job_that_its_user_erased_is_no_loss() {
+    let folder = Folder::new().await;
+    let server = folder.serve(&["--script=sleep:60"]).await;
+    let id = folder.submit(json!({})).await;
+    folder.running(&id).await;
+    folder.store.delete_job(&id, "deleted").await.unwrap();
+    until("the worker hears of it", PATIENCE, async || {
+        server.log().contains("the job was erased").then_some(())
+    })
+    .await;
+    assert!(!server.log().contains("WARN"), "{}", server.log());
+}
+
+#[tokio::test]
+async fn the_time_limit_is_that_of_all_attempts() {
+    let folder = Folder::new().await;
+    let id = folder.submit(json!({})).await;
+    // An attempt that worked for an hour and died, an hour ago.
+    let clock = |ago: i64| {
+        let options = Options {
+            clock: std::sync::Arc::new(move || clock::now() - ago),
+            ..Options::default()
+        };
+        Store::open(folder.path(), options)
+    };
+    let (before, later) = (
+        clock(7_200_000).await.unwrap(),
+        clock(3_600_000).await.unwrap(),
+    );
+    let claim = before.claim("worker", 6_000).await.unwrap().unwrap();
+    let told = Record {
+        events: vec![NewEvent::new("job.progress", json!({"fraction": 0.5}))],
+        ..Record::default()
+    };
+    later.record(&claim, told).await.unwrap();
+    later.release(&claim).await.unwrap();
+    let _server = folder
+        .serve(&["--script=sleep:60", "--job-time-limit-seconds=3000"])
+        .await;
+    let job = folder.end(&id).await;
+    assert_eq!((job.status, job.attempt), (Status::Failed, 2));
+    assert_eq!(job.error.unwrap().code, "time_limit");
 }
 
 #[tokio::test]
