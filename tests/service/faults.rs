@@ -1,6 +1,6 @@
 //! What becomes of jobs when processes die, stop, hang, or take too much memory.
 
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::time::Duration;
 
 use meshway::jobs::{FailureReason, Job, NewEvent, Options, Record, Status, Store, clock};
@@ -257,7 +257,7 @@ async fn a_stopped_worker_is_killed_and_its_job_runs_again() {
 async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
     let folder = Folder::new().await;
     // Without a server, so that nobody kills it.
-    let mut worker = Command::new(PROGRAM)
+    let mut worker = tokio::process::Command::new(PROGRAM)
         .args([
             "worker",
             "--slot=0",
@@ -278,12 +278,22 @@ async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
         .arg(folder.path())
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
+        .kill_on_drop(true)
         .spawn()
         .unwrap();
     let id = folder.submit(json!({})).await;
     let pid = folder.running(&id).await;
-    kill_process(pid, Signal::STOP).unwrap();
     let store = &folder.store;
+    // Not in the middle of a write: nobody else could write then.
+    until("it is stopped between two writes", PATIENCE, async || {
+        kill_process(pid, Signal::STOP).unwrap();
+        if store.check_writable().await.is_ok() {
+            return Some(());
+        }
+        kill_process(pid, Signal::CONT).unwrap();
+        None
+    })
+    .await;
     until("the lease runs out", PATIENCE, async || {
         let reaped = store.reap_expired().await.unwrap();
         (reaped == [id.clone()]).then_some(())
