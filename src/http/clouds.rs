@@ -25,8 +25,8 @@ pub(super) async fn create(
     request: Request,
 ) -> Result<Response> {
     query.finish()?;
-    app.check_accepting()?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    key.admit(&app).await?;
     let Payload::File(upload, None) = receive(&app, request).await? else {
         let detail = "send a point cloud, raw or as the only part, file, of a form";
         return Err(ApiError::new(Code::UnsupportedFormat, detail));
@@ -44,7 +44,7 @@ pub(super) async fn create(
     };
     let location = [(LOCATION, format!("/v1/clouds/{}", cloud.id))];
     let response = (status, location, Json(represent(&cloud))).into_response();
-    attempt.keep(response).await
+    attempt.keep(response, None).await
 }
 
 /// `GET /v1/clouds`: newest first.

@@ -33,11 +33,11 @@ pub(super) async fn create(
     let dry_run = query.take("dry_run", switch).unwrap_or(false);
     let preset = query.take("preset", |name| preset_named(&name));
     query.finish()?;
-    if !dry_run {
-        app.check_accepting()?;
-    }
     let wish = Wish::of(request.headers())?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    if !dry_run {
+        key.admit(&app).await?;
+    }
     let (members, upload) = match receive(&app, request).await? {
         Payload::Json(body) => {
             key.content(&body);
@@ -57,7 +57,7 @@ pub(super) async fn create(
     };
     if dry_run {
         let response = estimate(&app, &asked).await?;
-        return attempt.keep(response).await;
+        return attempt.keep(response, None).await;
     }
     let cloud = match (upload, &asked.cloud_id) {
         (Some(upload), _) => cloud_files::keep(&app, upload).await?.0,
@@ -136,7 +136,8 @@ pub(super) async fn cancel(
         Begun::New(attempt) => attempt,
     };
     let job = find(app.store.request_cancel(&id).await?)?;
-    attempt.keep(answer(StatusCode::OK, &job, None)).await
+    let response = answer(StatusCode::OK, &job, None);
+    attempt.keep(response, Some(&job.id)).await
 }
 
 /// `POST /v1/jobs/{id}/retry`: a new job from one that has ended.
@@ -147,9 +148,9 @@ pub(super) async fn retry(
     request: Request,
 ) -> Result<Response> {
     query.finish()?;
-    app.check_accepting()?;
     let wish = Wish::of(request.headers())?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    key.admit(&app).await?;
     let body = upload::json(&app, request).await?;
     key.content(&body);
     let members = members_of(Some(&body))?;
@@ -175,6 +176,7 @@ pub(super) async fn retry(
 /// `DELETE /v1/jobs/{id}`: with all its results, in any state.
 pub(super) async fn erase(State(app): State<AppState>, Id(id): Id<JobId>) -> Result<StatusCode> {
     find(app.store.delete_job(&id, "deleted").await?)?;
+    app.feed.erased(id);
     Ok(StatusCode::NO_CONTENT)
 }
 

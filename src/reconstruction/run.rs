@@ -99,7 +99,8 @@ fn run<T: Scalar>(
     stopwatch.lap(Phase::Training);
 
     observer.event(Event::Phase(Phase::Surface));
-    let (mesh, surface) = mesher.mesh(field.as_ref(), &stopped)?;
+    let progress = |share| observer.event(Event::Progress(share));
+    let (mesh, surface) = mesher.mesh(field.as_ref(), &stopped, &progress)?;
     stopwatch.lap(Phase::Surface);
 
     observer.event(Event::Phase(Phase::Report));
@@ -135,7 +136,8 @@ fn fit<T: Scalar>(
     let mut snapshot = |evaluation: u64, parameters: &[T]| {
         let field = engine.field(parameters)?;
         // Training takes care of a release after this iteration, without losing it.
-        match mesher.mesh(field.as_ref(), &|| mesher.observer.cancelled()) {
+        // Its progress is not that of training.
+        match mesher.mesh(field.as_ref(), &|| mesher.observer.cancelled(), &|_| {}) {
             Ok((mesh, _)) => {
                 mesher.observer.event(Event::Snapshot {
                     evaluation,
@@ -206,6 +208,7 @@ impl<'a> Mesher<'a> {
         &self,
         field: &dyn Field,
         stopped: &dyn Fn() -> bool,
+        progress: &dyn Fn(f64),
     ) -> Result<(TriangleMesh, SurfaceReport), Error> {
         let settings = &self.settings.surface;
         let extraction = extract(
@@ -217,7 +220,7 @@ impl<'a> Mesher<'a> {
                 projection_steps: settings.projection_steps,
                 max_triangles: MAX_TRIANGLES,
                 cancelled: stopped,
-                progress: &|share| self.observer.event(Event::Progress(share)),
+                progress,
             },
         )?;
         let mut report = SurfaceReport::new(&extraction, &self.prepared.frame);

@@ -19,6 +19,7 @@ mod meshes;
 mod metrics;
 mod outcome;
 mod row;
+mod shredder;
 mod writer;
 
 use std::path::Path;
@@ -40,6 +41,7 @@ pub use meshes::{MESH_CHUNK_BYTES, MeshInfo};
 
 use super::Result;
 use super::clock::{self, Clock};
+use shredder::Shredder;
 use writer::{Transaction, Writer};
 
 /// File of the database in the data folder.
@@ -91,6 +93,7 @@ pub struct Store {
 struct Inner {
     writer: Writer,
     readers: SqlitePool,
+    shredder: Shredder,
     changed: watch::Sender<u64>,
     options: Arc<Options>,
 }
@@ -124,7 +127,7 @@ impl Store {
             .acquire_timeout(options.busy_timeout)
             .idle_timeout(None)
             .max_lifetime(None)
-            .connect_with(connect.read_only(true))
+            .connect_with(connect.clone().read_only(true))
             .await?;
         let options = Arc::new(options);
         let (changed, _) = watch::channel(0);
@@ -133,6 +136,7 @@ impl Store {
             inner: Arc::new(Inner {
                 writer,
                 readers,
+                shredder: Shredder::start(connect),
                 changed,
                 options,
             }),
@@ -141,6 +145,7 @@ impl Store {
 
     /// Finishes the writes that wait and closes all connections; later calls get `Closed`.
     pub async fn close(&self) {
+        self.inner.shredder.stop();
         self.inner.readers.close().await;
         self.inner.writer.close().await;
     }
@@ -154,6 +159,11 @@ impl Store {
     /// Tells all subscribers that another process has committed.
     pub fn wake(&self) {
         self.inner.changed.send_modify(|commits| *commits += 1);
+    }
+
+    /// Overwrites what was erased in the write-ahead log, too, soon and in the background.
+    pub fn shred(&self) {
+        self.inner.shredder.wake();
     }
 
     /// The store's time, in milliseconds since the epoch.
