@@ -73,7 +73,8 @@ impl<T: Scalar> Lbfgs<T> {
         self.evaluations
     }
 
-    /// Makes one step. When it is interrupted, `at` and the state are as they were before.
+    /// Makes one step. When it is interrupted, `at` is as it was before, and the step can be made
+    /// again with the same outcome.
     ///
     /// # Errors
     /// [`Interrupt::Stop`] when no step is to be made: the start is stationary, a limit is reached,
