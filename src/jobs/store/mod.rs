@@ -19,6 +19,7 @@ mod meshes;
 mod metrics;
 mod outcome;
 mod row;
+mod tombstones;
 mod writer;
 
 use std::path::Path;
@@ -183,7 +184,13 @@ impl Store {
 }
 
 async fn migrate(db: &mut SqliteConnection) -> Result<()> {
-    let migrations = [("init", include_str!("../../../migrations/0001_init.sql"))];
+    let migrations = [
+        ("init", include_str!("../../../migrations/0001_init.sql")),
+        (
+            "erased_clouds",
+            include_str!("../../../migrations/0002_erased_clouds.sql"),
+        ),
+    ];
     let migrator = Migrator::with_migrations(
         (1..)
             .zip(migrations)
