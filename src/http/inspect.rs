@@ -15,6 +15,7 @@ use tokio::process::Command;
 
 use super::AppState;
 use super::error::{ApiError, Code, Result};
+use super::spool::MAX_EXPANSION;
 use super::state::PARSED_KIB;
 use super::upload::{Upload, blocking};
 use crate::reconstruction::cloud::{self, Format, Label};
@@ -126,7 +127,7 @@ pub fn limits(max_points: u64, max_bytes: u64) -> cloud::Limits {
     cloud::Limits {
         max_points: max_points as usize,
         max_expanded_bytes: max_bytes as usize,
-        ..cloud::Limits::default()
+        max_expansion: MAX_EXPANSION as f64,
     }
 }
 

@@ -14,6 +14,9 @@ use tokio_util::sync::CancellationToken;
 
 use super::{AppState, idempotency, router};
 
+/// Most bytes of a request's line and header; more are answered with 431.
+pub(super) const HEADER_BYTES: usize = 64 * 1024;
+
 /// Time that requests under way have to end after the shutdown began.
 const DRAIN: Duration = Duration::from_secs(10);
 
@@ -46,6 +49,7 @@ pub async fn serve(listener: TcpListener, app: AppState) {
         let connection = http1::Builder::new()
             .timer(TokioTimer::new())
             .header_read_timeout(patience)
+            .max_header_size(HEADER_BYTES)
             .serve_connection(
                 TokioIo::new(stream),
                 TowerToHyperService::new(service.clone()),

@@ -199,6 +199,49 @@ async fn silent_and_halting_clients_are_let_go() {
 }
 
 #[tokio::test]
+async fn a_header_beyond_its_limit_is_refused() {
+    let service = Service::new().await;
+    let (address, _serving) = served(&service).await;
+    for (bytes, status) in [(60_000, "200"), (66_000, "431")] {
+        let mut connection = TcpStream::connect(&address).await.unwrap();
+        let request = format!(
+            "GET /v1/jobs HTTP/1.1\r\nHost: a\r\nConnection: close\r\nX: {}\r\n\r\n",
+            "x".repeat(bytes)
+        );
+        let answer = exchange(&mut connection, &request).await;
+        assert!(
+            answer.starts_with(&format!("HTTP/1.1 {status}")),
+            "{answer}"
+        );
+    }
+}
+
+#[tokio::test]
+async fn an_unknown_parameter_is_refused_everywhere() {
+    let service = Service::new().await;
+    let id = service.submit().await;
+    let cloud = service.get("/v1/clouds").await.json()["items"][0]["links"]["self"].clone();
+    let cloud = cloud.as_str().unwrap();
+    for path in [
+        cloud,
+        &format!("{cloud}/content"),
+        &format!("/v1/jobs/{id}"),
+    ] {
+        let answer = service.get(&format!("{path}?x=1")).await;
+        let problem = answer.expect_problem(422, "request_invalid");
+        assert_eq!(problem["errors"][0]["pointer"], "/x");
+    }
+    for path in [cloud, &format!("/v1/jobs/{id}")] {
+        let answer = service.delete(&format!("{path}?x=1")).await;
+        answer.expect_problem(422, "request_invalid");
+        service.get(path).await.expect(200);
+    }
+    let cancel = format!("/v1/jobs/{id}/cancel?x=1");
+    let answer = service.post_json(&cancel, &json!({})).await;
+    answer.expect_problem(422, "request_invalid");
+}
+
+#[tokio::test]
 async fn a_client_that_still_writes_gets_its_refusal() {
     let service = Service::with(&["--body-limit-mib=1"]).await;
     let (address, _serving) = served(&service).await;
