@@ -1,5 +1,5 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup build test demo contract check bench bench-service soak deny clean
+.PHONY: help setup build test demo contract check bench bench-engines bench-service soak deny clean
 .DEFAULT_GOAL := help
 
 help:
@@ -8,6 +8,7 @@ help:
 	@echo "make build   the release binary, target/release/meshway"
 	@echo "make contract  requests made up from openapi.yaml against a served instance (Schemathesis)"
 	@echo "make bench   benchmarks (criterion); tables are in docs/benchmarks.md"
+	@echo "make bench-engines  loss and gradient beside PyTorch and JAX, which it installs under target/"
 	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
 	@echo "make soak    jobs under random faults; MINUTES=10"
 	@echo "make check   format, lints, documentation"
@@ -35,6 +36,11 @@ check: setup
 
 bench: setup
 	cargo bench --locked --bench reconstruction
+
+bench-engines: setup
+	python3 -m venv target/engines-venv
+	target/engines-venv/bin/pip install --quiet torch==2.13.0 jax==0.10.2 numpy
+	cargo bench --locked --bench engines
 
 bench-service: build
 	cargo bench --locked --bench service

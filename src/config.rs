@@ -35,6 +35,11 @@ pub struct Config {
           default_value_t = false, default_missing_value = "true", action = clap::ArgAction::Set)]
     pub allow_unauthenticated: bool,
 
+    /// Names that the service goes by besides localhost and its addresses, with commas between
+    /// them; `*`: all. A request for another host is refused: it may come from a web page.
+    #[arg(long, env = "MESHWAY_ALLOWED_HOSTS", default_value = "")]
+    pub allowed_hosts: String,
+
     /// Worker processes.
     #[arg(long, env = "MESHWAY_WORKERS", default_value_t = 1,
           value_parser = clap::value_parser!(u16).range(1..=256))]
@@ -61,7 +66,7 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_QUEUE_LIMIT", default_value_t = 1_000)]
     pub queue_limit: u32,
 
-    /// Longest time of one job in seconds.
+    /// Longest time that is worked on one job, in seconds, over all its attempts.
     #[arg(long, env = "MESHWAY_JOB_TIME_LIMIT_SECONDS", default_value_t = 3_600)]
     pub job_time_limit_seconds: u32,
 

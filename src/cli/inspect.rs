@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use rustix::process::{Resource, Rlimit, setrlimit};
 
 use super::Failure;
 use super::files::{Sink, read};
@@ -23,10 +24,22 @@ pub(super) struct Arguments {
     /// Most bytes after unpacking.
     #[arg(long, default_value_t = 512 << 20)]
     max_bytes: u64,
+    /// Most memory to take in bytes; the process ends where more is needed.
+    #[arg(long)]
+    memory_bytes: Option<u64>,
 }
 
 /// Prints a [`Verdict`]; a refused file is no failure of the command.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(bytes) = arguments.memory_bytes {
+        // What is written to, not what is mapped: the libraries alone map half a gigabyte.
+        let limit = Rlimit {
+            current: Some(bytes),
+            maximum: Some(bytes),
+        };
+        setrlimit(Resource::Data, limit)
+            .map_err(|error| Failure::Output(format!("--memory-bytes {bytes}: {error}")))?;
+    }
     let bytes = read(&arguments.file)?;
     let hint = arguments
         .hint

@@ -17,14 +17,11 @@ use crate::http::{self, App};
 use crate::jobs::worker::Script;
 use crate::jobs::{Store, Supervisor, store, supervisor};
 
-/// How long workers may take to give their jobs back at the end; then they are killed.
-const DRAIN: Duration = Duration::from_secs(20);
+/// How long workers may take to give their jobs back at the end; then they are killed. With the ten
+/// seconds that requests have after that it stays below the longest end.
+const DRAIN: Duration = Duration::from_secs(17);
 /// How long the whole end may take, whatever hangs.
 const LONGEST_END: Duration = Duration::from_secs(28);
-/// Kept answers are looked through for old ones so often.
-const PRUNE_INTERVAL: Duration = Duration::from_hours(1);
-/// Answers to requests with an `Idempotency-Key` are kept so long.
-const ANSWERS_KEPT_MS: i64 = 24 * 3_600 * 1_000;
 
 /// Arguments of `meshway serve`.
 #[derive(Debug, Args)]
@@ -112,7 +109,10 @@ async fn serve(
         .await
         .map_err(failed)?;
     folder.sweep(&store).await?;
+    // Keys that were in flight when the last server died; before the first request of this one.
     store.idempotency_abandon_all().await.map_err(failed)?;
+    // That server may have died between an erasure and this.
+    store.shred();
 
     let listen = |error| Failure::Output(format!("--listen {}: {error}", config.listen));
     let listener = TcpListener::bind(config.listen).await.map_err(listen)?;
@@ -139,8 +139,13 @@ async fn serve(
     end_on_signals(&shutdown)?;
     tracing::info!("listening on http://{address}");
 
+    let close = CancellationToken::new();
+    let work = async {
+        supervisor.run().await;
+        close.cancel();
+    };
     let service = async {
-        tokio::join!(http::serve(listener, app), supervisor.run());
+        tokio::join!(http::serve(listener, app, close.clone()), work);
     };
     let overdue = async {
         shutdown.cancelled().await;
@@ -150,7 +155,6 @@ async fn serve(
     tokio::select! {
         () = service => {}
         () = overdue => tracing::error!("not all ended in time"),
-        () = prune(&store) => {}
     }
     store.close().await;
     tracing::info!("the service has stopped");
@@ -187,17 +191,6 @@ fn worker_arguments(arguments: &Arguments, cores: usize) -> Vec<OsString> {
             .map(|script| format!("--script={script}").into()),
     );
     line
-}
-
-/// Erases answers that are older than they are kept, for ever.
-async fn prune(store: &Store) {
-    let mut interval = tokio::time::interval(PRUNE_INTERVAL);
-    loop {
-        interval.tick().await;
-        if let Err(error) = store.idempotency_prune(store.now() - ANSWERS_KEPT_MS).await {
-            tracing::warn!(error.message = %error, "old answers were not erased");
-        }
-    }
 }
 
 fn end_on_signals(shutdown: &CancellationToken) -> Result<(), Failure> {

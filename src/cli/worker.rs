@@ -32,7 +32,7 @@ pub(super) struct Arguments {
     /// Threads to compute with.
     #[arg(long)]
     threads: usize,
-    /// Longest time of one attempt at a job in seconds.
+    /// Longest time of one job in seconds, over its attempts.
     #[arg(long)]
     job_time_limit_seconds: u32,
     /// Seconds between checkpoints of a training run.

@@ -24,8 +24,8 @@ pub(super) async fn create(
     _: NoQuery,
     request: Request,
 ) -> Result<Response> {
-    app.check_accepting()?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    key.admit(&app).await?;
     let Payload::File(upload, None) = receive(&app, request).await? else {
         let detail = "send a point cloud, raw or as the only part, file, of a form";
         return Err(ApiError::new(Code::UnsupportedFormat, detail));
@@ -43,7 +43,7 @@ pub(super) async fn create(
     };
     let location = [(LOCATION, format!("/v1/clouds/{}", cloud.id))];
     let response = (status, location, Json(represent(&cloud))).into_response();
-    attempt.keep(response).await
+    attempt.keep(response, None).await
 }
 
 /// `GET /v1/clouds`: newest first.

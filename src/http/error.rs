@@ -53,6 +53,7 @@ catalogue! {
     BadHeader "bad_header" 400 false "A header cannot be understood.";
     BadCursor "bad_cursor" 400 false "The cursor is none of ours.";
     BodyBrokenOff "body_broken_off" 400 true "The body broke off.";
+    CrossOriginRefused "cross_origin_refused" 403 false "A page of another site sent the request.";
     NotFound "not_found" 404 false "There is nothing here.";
     MethodNotAllowed "method_not_allowed" 405 false "This method is not for this resource.";
     NotAcceptable "not_acceptable" 406 false "None of the accepted media types can be given.";
@@ -67,6 +68,7 @@ catalogue! {
     UnsupportedFormat "unsupported_format" 415 false "The format is not supported.";
     UnsupportedEncoding "unsupported_encoding" 415 false "The encoding is not supported or damaged.";
     RangeNotSatisfiable "range_not_satisfiable" 416 false "The range lies outside of the content.";
+    HostNotAllowed "host_not_allowed" 421 false "The service does not answer to this host.";
     RequestInvalid "request_invalid" 422 false "A parameter or a field is refused.";
     IdempotencyMismatch "idempotency_mismatch" 422 false "The key was used for another request.";
     CloudMissing "cloud_missing" 422 false "The cloud that is named does not exist.";

@@ -11,9 +11,9 @@ use crate::reconstruction::settings::{Evaluation, OffSurface, Optimizer, Precisi
 ///
 /// Measured with `make bench` on one thread of x86-64 with AVX-512 (docs/benchmarks.md): loss and
 /// gradient of 3500 samples and 10451 parameters (3-50×5-1, `sqrhw`), which are
-/// [`FLOPS_PER_WEIGHT`] · 3500 · 10451 = 2.2e8 operations, take 8.7 ms, and the step of L-BFGS with
-/// 100 pairs between them 0.75 ms: 2.2e8 / 9.45e-3. Times drift by a factor of two with the load of
-/// the machine, and further with its kind.
+/// [`FLOPS_PER_WEIGHT`] · 3500 · 10451 = 2.2e8 operations, take libtorch 8.7 ms, and the
+/// step of L-BFGS with 100 pairs between them 0.75 ms: 2.2e8 / 9.45e-3. Times drift by a factor of
+/// two with the load of the machine, and further with its kind; a faster engine stays below.
 const FLOPS_PER_THREAD: f64 = 2.3e10;
 
 /// Operations of loss and gradient for each parameter and sample: a multiplication and an addition

@@ -18,7 +18,7 @@ use tokio::time::Instant;
 use super::AppState;
 use super::error::{ApiError, Result, problem_of};
 use super::extract::{Id, Query, text};
-use super::feed::Listener;
+use super::feed::{Listener, News};
 use super::job_json::represent;
 use super::results::found;
 use super::time::rfc3339;
@@ -250,7 +250,8 @@ impl Subscription {
             if self.ended {
                 return None;
             }
-            if self.behind {
+            // At the end of the service the rest of a long backlog is left to the next one.
+            if self.behind && !self.app.shutdown.is_cancelled() {
                 self.read_rows().await;
                 continue;
             }
@@ -261,8 +262,9 @@ impl Subscription {
                     self.frames.push_back(frame(None, "shutdown", &json!({})));
                     self.ended = true;
                 }
-                received = self.listener.events.recv() => match received {
-                    Ok(event) => self.hear(&event),
+                received = self.listener.news.recv() => match received {
+                    Ok(News::Event(event)) => self.hear(&event),
+                    Ok(News::Erased(job)) => self.ended |= self.job == Some(job),
                     Err(RecvError::Lagged(_)) => self.behind = true,
                     Err(RecvError::Closed) => self.ended = true,
                 },
@@ -319,7 +321,7 @@ impl Subscription {
         }
     }
 
-    /// A sign of life; a job that was erased meanwhile has no last event and ends here.
+    /// A sign of life; a stream that lagged behind may not have heard that its job was erased.
     async fn comment(&mut self) {
         self.frames.push_back(Bytes::from_static(b": alive\n\n"));
         if let Some(job) = &self.job {

@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::error::{ApiError, Code, Result};
 use super::gauges::Gauges;
-use crate::jobs::{Event, Store};
+use crate::jobs::{Event, JobId, Store};
 
 /// Events that a slow stream may lag behind before it has to read rows.
 const BACKLOG: usize = 1_024;
@@ -26,9 +26,18 @@ const POLL: Duration = Duration::from_secs(1);
 /// Shortest time between two looks, however many commits there are.
 const PAUSE: Duration = Duration::from_millis(20);
 
+/// What streams hear of.
+#[derive(Debug, Clone)]
+pub(super) enum News {
+    /// An event was committed.
+    Event(Arc<Event>),
+    /// A job was erased, and has no events any more.
+    Erased(JobId),
+}
+
 /// New events, as they are committed.
 pub(super) struct Feed {
-    events: broadcast::Sender<Arc<Event>>,
+    news: broadcast::Sender<News>,
     position: watch::Receiver<Option<i64>>,
     places: Arc<Semaphore>,
     max_streams: u32,
@@ -36,8 +45,8 @@ pub(super) struct Feed {
 
 /// One stream's share of the feed; gives its place back when it is dropped.
 pub(super) struct Listener {
-    /// The new events.
-    pub(super) events: broadcast::Receiver<Arc<Event>>,
+    /// What is new.
+    pub(super) news: broadcast::Receiver<News>,
     _place: OwnedSemaphorePermit,
 }
 
@@ -49,17 +58,17 @@ impl Feed {
         max_streams: u32,
         shutdown: CancellationToken,
     ) -> Self {
-        let (events, _) = broadcast::channel(BACKLOG);
+        let (news, _) = broadcast::channel(BACKLOG);
         let (position, watched) = watch::channel(None);
         let task = Task {
             store,
             gauges,
-            events: events.clone(),
+            news: news.clone(),
             position,
         };
         tokio::spawn(shutdown.run_until_cancelled_owned(task.run()));
         Self {
-            events,
+            news,
             position: watched,
             places: Arc::new(Semaphore::new(max_streams as usize)),
             max_streams,
@@ -79,7 +88,7 @@ impl Feed {
             .retry_after(5)
         })?;
         let listener = Listener {
-            events: self.events.subscribe(),
+            news: self.news.subscribe(),
             _place: place,
         };
         // Only after the task knows where it starts is nothing lost between rows and feed.
@@ -91,6 +100,12 @@ impl Feed {
         Ok(listener)
     }
 
+    /// Tells the streams of a job that it was erased.
+    pub(super) fn erased(&self, job: JobId) {
+        // Without streams nobody takes it.
+        let _ = self.news.send(News::Erased(job));
+    }
+
     /// Open streams.
     pub(super) fn streams(&self) -> u64 {
         u64::from(self.max_streams) - self.places.available_permits() as u64
@@ -100,7 +115,7 @@ impl Feed {
 struct Task {
     store: Store,
     gauges: Arc<Gauges>,
-    events: broadcast::Sender<Arc<Event>>,
+    news: broadcast::Sender<News>,
     position: watch::Sender<Option<i64>>,
 }
 
@@ -138,7 +153,7 @@ impl Task {
                 seq = event.seq;
                 self.gauges.event(&self.store, &event).await;
                 // Without streams nobody takes it; the rows stay.
-                let _ = self.events.send(Arc::new(event));
+                let _ = self.news.send(News::Event(Arc::new(event)));
             }
             if !full {
                 return seq;

@@ -20,6 +20,7 @@ use serde_json::Value;
 use super::App;
 use super::error::Result;
 use crate::jobs::store::DATABASE_FILE;
+use crate::jobs::worker::slot_of;
 use crate::jobs::{Event, Job, JobFilter, JobId, Status, Store};
 
 /// Upper bounds in seconds of waits and phases: from an instant to the longest job.
@@ -274,7 +275,10 @@ impl Gauges {
         // Slots come and go with their workers.
         self.loss.clear();
         for job in store.list_jobs(&running, None, MAX_RUNNING).await? {
-            if let (Some(slot), Some(loss)) = (job.worker, job.loss) {
+            // Only the number: a worker that is started again must not begin a new series.
+            let slot = job.worker.as_deref().and_then(slot_of);
+            if let (Some(slot), Some(loss)) = (slot, job.loss) {
+                let slot = slot.to_string();
                 self.loss.get_or_create(&BySlot { slot }).set(loss);
             }
         }

@@ -14,7 +14,7 @@ use sha2::{Digest, Sha256};
 use super::AppState;
 use super::error::{ApiError, Code, Result};
 use super::extract::header;
-use crate::jobs::{self, Idempotency, IdempotencyState, Job, StoredResponse};
+use crate::jobs::{self, Idempotency, IdempotencyState, Job, JobId, StoredResponse};
 
 /// The header that carries the key.
 pub(super) const KEY: HeaderName = HeaderName::from_static("idempotency-key");
@@ -32,12 +32,8 @@ pub(super) const KEPT_MS: i64 = 24 * 60 * 60 * 1_000;
 /// How often old answers are forgotten.
 const TIDY_EVERY: Duration = Duration::from_mins(10);
 
-/// Frees the keys that were in flight when the last server died, then forgets old answers as time
-/// goes by. Never ends.
+/// Forgets old answers as time goes by. Never ends.
 pub(super) async fn tidy(app: AppState) {
-    if let Err(error) = app.store.idempotency_abandon_all().await {
-        tracing::warn!(error.message = %error, "keys in flight could not be freed");
-    }
     loop {
         let before = app.store.now() - KEPT_MS;
         if let Err(error) = app.store.idempotency_prune(before).await {
@@ -75,6 +71,22 @@ impl Request {
         Ok(request)
     }
 
+    /// Refuses new work while none is taken; a request that was answered before goes on to its
+    /// answer.
+    ///
+    /// # Errors
+    /// [`Code::Draining`], [`Code::InsufficientStorage`], and those of the store.
+    pub(super) async fn admit(&self, app: &AppState) -> Result<()> {
+        let Err(refusal) = app.check_accepting() else {
+            return Ok(());
+        };
+        let answered = match &self.key {
+            Some(key) => app.store.idempotency_answered(key, &self.scope).await?,
+            None => false,
+        };
+        if answered { Ok(()) } else { Err(refusal) }
+    }
+
     /// Adds a part of what makes the request this one: a body, or the hash of one.
     pub(super) fn content(&mut self, part: &[u8]) {
         self.hash.update((part.len() as u64).to_le_bytes());
@@ -84,7 +96,8 @@ impl Request {
     /// Begins the key, or finds the answer of the first request.
     ///
     /// # Errors
-    /// [`Code::IdempotencyInFlight`], [`Code::IdempotencyMismatch`], and those of the store.
+    /// [`Code::IdempotencyInFlight`], [`Code::IdempotencyMismatch`], [`Code::Gone`] where the
+    /// answer was a job that was erased since, and those of the store.
     pub(super) async fn begin(self, app: &AppState) -> Result<Begun> {
         let Some(key) = self.key else {
             return Ok(Begun::New(Attempt(None)));
@@ -101,6 +114,7 @@ impl Request {
                 scope: self.scope,
             })))),
             IdempotencyState::Replay(stored) => replay(stored).map(Begun::Replay),
+            IdempotencyState::Gone(tombstone) => Err(ApiError::gone("job", &tombstone)),
             IdempotencyState::InFlight => Err(ApiError::new(
                 Code::IdempotencyInFlight,
                 "the first request with this Idempotency-Key is being worked on",
@@ -150,11 +164,15 @@ impl Attempt {
         self.0 = None;
     }
 
-    /// Keeps an answer and gives it back.
+    /// Keeps an answer and gives it back; one that tells of a job is erased with it.
     ///
     /// # Errors
     /// Those of the store.
-    pub(super) async fn keep(mut self, response: Response) -> Result<Response> {
+    pub(super) async fn keep(
+        mut self,
+        response: Response,
+        job: Option<&JobId>,
+    ) -> Result<Response> {
         let Some(open) = self.0.as_ref() else {
             return Ok(response);
         };
@@ -173,7 +191,7 @@ impl Attempt {
         let kept = open
             .app
             .store
-            .idempotency_complete(&open.key, &open.scope, stored)
+            .idempotency_complete(&open.key, &open.scope, job, stored)
             .await;
         match kept {
             // Pruned meanwhile: the work is done all the same.

@@ -27,6 +27,13 @@ const IN_PROCESS_BYTES: u64 = 1 << 20;
 /// The same for gzipped files, which may unpack to a hundred times that.
 const IN_PROCESS_GZIP_BYTES: u64 = 1 << 20;
 
+/// Memory that a child may take besides its file: program and libraries.
+const CHILD_BASE_BYTES: u64 = 512 << 20;
+
+/// Memory that a child may take for each byte of a file when it is unpacked: some more than a
+/// parsed cloud was seen to take.
+const CHILD_BYTES_PER_BYTE: u64 = 32;
+
 /// Longest time that a child may read: some 20 times what 512 MiB of text take.
 const CHILD_TIMEOUT: Duration = Duration::from_mins(5);
 
@@ -159,7 +166,14 @@ pub(super) async fn read(app: &AppState, upload: &Upload) -> Result<Summary> {
     let room = Arc::clone(&app.parsing).acquire_many_owned(weight.min(PARSED_KIB));
     let _room = room.await.map_err(ApiError::internal)?;
     if !in_process {
-        return read_in_child(app, &path, upload.hint).await;
+        let limit = app.config.body_limit_bytes();
+        let unpacked = if gzipped {
+            limit.min(bytes.saturating_mul(MAX_EXPANSION))
+        } else {
+            bytes
+        };
+        let memory = CHILD_BASE_BYTES + unpacked * CHILD_BYTES_PER_BYTE;
+        return read_in_child(app, &path, upload.hint, memory).await;
     }
     let (hint, limits) = (
         upload.hint,
@@ -181,13 +195,19 @@ fn is_gzipped(path: &Path) -> Result<bool> {
     Ok(magic == [0x1f, 0x8b])
 }
 
-async fn read_in_child(app: &AppState, path: &PathBuf, hint: Option<Format>) -> Result<Summary> {
+async fn read_in_child(
+    app: &AppState,
+    path: &PathBuf,
+    hint: Option<Format>,
+    memory_bytes: u64,
+) -> Result<Summary> {
     let mut command = Command::new(&app.program);
     command
         .arg("inspect")
         .arg(path)
         .arg(format!("--max-points={}", app.config.max_points))
         .arg(format!("--max-bytes={}", app.config.body_limit_bytes()))
+        .arg(format!("--memory-bytes={memory_bytes}"))
         .stdin(Stdio::null())
         .stderr(Stdio::null())
         .kill_on_drop(true);

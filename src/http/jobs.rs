@@ -32,11 +32,11 @@ pub(super) async fn create(
     let dry_run = query.take("dry_run", switch).unwrap_or(false);
     let preset = query.take("preset", |name| preset_named(&name));
     query.finish()?;
-    if !dry_run {
-        app.check_accepting()?;
-    }
     let wish = Wish::of(request.headers())?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    if !dry_run {
+        key.admit(&app).await?;
+    }
     let (members, upload) = match receive(&app, request).await? {
         Payload::Json(body) => {
             key.content(&body);
@@ -56,7 +56,7 @@ pub(super) async fn create(
     };
     if dry_run {
         let response = estimate(&app, &asked, upload.as_ref()).await?;
-        return attempt.keep(response).await;
+        return attempt.keep(response, None).await;
     }
     let cloud = match (upload, &asked.cloud_id) {
         (Some(upload), _) => cloud_files::keep(&app, upload).await?.0,
@@ -136,7 +136,8 @@ pub(super) async fn cancel(
         Begun::New(attempt) => attempt,
     };
     let job = found(app.store.request_cancel(&id).await?)?;
-    attempt.keep(answer(StatusCode::OK, &job, None)).await
+    let response = answer(StatusCode::OK, &job, None);
+    attempt.keep(response, Some(&job.id)).await
 }
 
 /// `POST /v1/jobs/{id}/retry`: a new job from one that has ended.
@@ -146,9 +147,9 @@ pub(super) async fn retry(
     Id(id): Id<JobId>,
     request: Request,
 ) -> Result<Response> {
-    app.check_accepting()?;
     let wish = Wish::of(request.headers())?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    key.admit(&app).await?;
     let body = upload::json(&app, request, JSON_LIMIT).await?;
     key.content(&body);
     let members = members_of(Some(&body))?;
@@ -178,6 +179,7 @@ pub(super) async fn erase(
     Id(id): Id<JobId>,
 ) -> Result<StatusCode> {
     found(app.store.delete_job(&id, "deleted").await?)?;
+    app.feed.erased(id);
     Ok(StatusCode::NO_CONTENT)
 }
 

@@ -25,6 +25,7 @@ mod jobs;
 mod mesh_cache;
 mod meshes;
 mod observe;
+mod origin;
 mod page;
 mod results;
 mod server;
@@ -115,7 +116,9 @@ pub fn operations() -> Vec<(String, &'static str)> {
 
 /// The API over a state, ready to be served or called by a test.
 pub fn router(state: AppState) -> Router {
-    handlers(state.clone()).layer(middleware::from_fn_with_state(state, observe::observe))
+    handlers(state.clone())
+        .layer(middleware::from_fn_with_state(state.clone(), origin::guard))
+        .layer(middleware::from_fn_with_state(state, observe::observe))
 }
 
 /// The same without what is around every request.

@@ -14,19 +14,19 @@ use tokio_util::sync::CancellationToken;
 
 use super::{AppState, idempotency, router};
 
-/// Most bytes of a request's line and header; more are answered with 431.
-pub(super) const HEADER_BYTES: usize = 64 * 1024;
-
-/// Time that requests under way have to end after the shutdown began.
+/// Time that requests under way have to end after the port was closed.
 const DRAIN: Duration = Duration::from_secs(10);
 
 /// Pause after a failed accept, such as for want of file descriptors: without it the loop spins.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Serves until [`super::App::shutdown`] is cancelled and the requests under way have ended, at
-/// most ten seconds longer.
-pub async fn serve(listener: TcpListener, app: AppState) {
-    let shutdown = app.shutdown.clone();
+/// Most bytes of a request's line and headers; hyper answers 431 to more.
+pub(super) const MAX_HEAD_BYTES: usize = 64 * 1024;
+
+/// Serves until `close` is cancelled and the requests under way have ended, at most ten seconds
+/// longer. Between [`super::App::shutdown`] and `close` connections are still taken: clients are
+/// told that the service drains, and can read what is there.
+pub async fn serve(listener: TcpListener, app: AppState, close: CancellationToken) {
     let patience = Duration::from_secs(u64::from(app.config.header_timeout_seconds.max(1)));
     let places = Arc::new(Semaphore::new(app.config.max_connections as usize));
     let graceful = GracefulShutdown::new();
@@ -36,7 +36,7 @@ pub async fn serve(listener: TcpListener, app: AppState) {
     loop {
         let accepted = tokio::select! {
             accepted = accept(&listener, &places) => accepted,
-            () = shutdown.cancelled() => break,
+            () = close.cancelled() => break,
         };
         let (stream, place) = match accepted {
             Ok(accepted) => accepted,
@@ -49,7 +49,7 @@ pub async fn serve(listener: TcpListener, app: AppState) {
         let connection = http1::Builder::new()
             .timer(TokioTimer::new())
             .header_read_timeout(patience)
-            .max_header_size(HEADER_BYTES)
+            .max_buf_size(MAX_HEAD_BYTES)
             .serve_connection(
                 TokioIo::new(stream),
                 TowerToHyperService::new(service.clone()),

@@ -30,7 +30,8 @@ pub struct App {
     pub telemetry: Telemetry,
     /// What the supervisor says of its workers.
     pub workers: watch::Receiver<Workers>,
-    /// Cancelled when the service stops: new work is refused, streams and waits end.
+    /// Cancelled when the service is to stop: new work is refused, streams and waits end, reads
+    /// go on until the workers have given their jobs back.
     pub shutdown: CancellationToken,
     /// When the service started, in milliseconds since the epoch.
     pub started_at: i64,

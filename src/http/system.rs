@@ -12,7 +12,7 @@ use serde_json::{Map, Value, json};
 use super::error::{ApiError, Code, Result};
 use super::extract::{MAX_WAIT_SECONDS, NoQuery};
 use super::job_request::{MAX_LABEL_LENGTH, MAX_LABELS, grid_limit_bytes};
-use super::server::HEADER_BYTES;
+use super::server::MAX_HEAD_BYTES;
 use super::spool::MAX_EXPANSION;
 use super::time::rfc3339;
 use super::upload::JSON_LIMIT;
@@ -51,7 +51,7 @@ pub(super) async fn limits(State(app): State<AppState>, _: NoQuery) -> Response 
         .collect();
     Json(json!({
         "connections": config.max_connections,
-        "header_bytes": HEADER_BYTES,
+        "header_bytes": MAX_HEAD_BYTES,
         "header_seconds": config.header_timeout_seconds,
         "body_bytes": config.body_limit_bytes(),
         "upload_idle_seconds": config.upload_timeout_seconds,

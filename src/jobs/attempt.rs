@@ -1,6 +1,7 @@
 //! One attempt at a job: the claim that a worker holds, what it may write, how it can end.
 
 use std::fmt::Write as _;
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -17,6 +18,8 @@ pub struct Claim {
     pub job: Job,
     /// Number of this attempt: every write of the worker names it.
     pub attempt: i64,
+    /// How long earlier attempts worked.
+    pub worked: Duration,
 }
 
 impl Claim {

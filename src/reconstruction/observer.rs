@@ -86,7 +86,8 @@ pub trait Observer {
         false
     }
 
-    /// Whether training shall hand out a checkpoint; asked after each iteration.
+    /// Whether training shall hand out a checkpoint; asked after each iteration. At its end it does
+    /// so unasked.
     fn checkpoint_due(&self) -> bool {
         false
     }

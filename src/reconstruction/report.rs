@@ -174,6 +174,7 @@ pub(super) struct Subject<'a> {
     pub(super) prepared: &'a Prepared,
     pub(super) mesh: &'a TriangleMesh,
     pub(super) field: &'a dyn Field,
+    pub(super) engine: &'static str,
 }
 
 impl Report {
@@ -209,7 +210,7 @@ impl Report {
             versions: Versions::current(),
             inputs: Vec::new(),
             settings: settings.clone(),
-            engine: "libtorch",
+            engine: subject.engine,
             threads: rayon::current_num_threads(),
             normals: prepared.normals,
             samples: prepared.counts,

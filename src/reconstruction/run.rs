@@ -3,7 +3,7 @@
 use super::cloud::PointCloud;
 use super::error::Error;
 use super::mesh::TriangleMesh;
-use super::network::{Architecture, Engine, Libtorch, Model, Scalar, initial_parameters};
+use super::network::{Architecture, Engine, Model, Scalar, engine, initial_parameters};
 use super::observer::{Event, Observer, Phase};
 use super::report::{Report, Stopwatch, Subject, SurfaceReport, TrainingReport};
 use super::sampling::{Prepared, prepare};
@@ -88,13 +88,19 @@ fn run<T: Scalar>(
     let mesher = Mesher::new(cloud, settings, &prepared, observer);
     let architecture = Architecture::new(&settings.network);
     let parameters = initial_parameters::<T>(&architecture, settings.training.seed);
-    let engine = Libtorch::<T>::new(architecture, &prepared.training, &prepared.validation)?;
-    let trained = fit(&engine, parameters, &mesher)?;
+    let engine = engine::<T>(
+        settings.training.engine,
+        &architecture,
+        &prepared.training,
+        &prepared.validation,
+    )?;
+    let trained = fit(engine.as_ref(), parameters, &mesher)?;
     let field = engine.field(&trained.parameters)?;
     stopwatch.lap(Phase::Training);
 
     observer.event(Event::Phase(Phase::Surface));
-    let (mesh, surface) = mesher.mesh(field.as_ref(), &stopped)?;
+    let progress = |share| observer.event(Event::Progress(share));
+    let (mesh, surface) = mesher.mesh(field.as_ref(), &stopped, &progress)?;
     stopwatch.lap(Phase::Surface);
 
     observer.event(Event::Phase(Phase::Report));
@@ -104,6 +110,7 @@ fn run<T: Scalar>(
         prepared: &prepared,
         mesh: &mesh,
         field: field.as_ref(),
+        engine: engine.name(),
     };
     let mut report = Report::new(&subject, TrainingReport::new(&trained), surface)?;
     stopwatch.lap(Phase::Report);
@@ -129,7 +136,8 @@ fn fit<T: Scalar>(
     let mut snapshot = |evaluation: u64, parameters: &[T]| {
         let field = engine.field(parameters)?;
         // Training takes care of a release after this iteration, without losing it.
-        match mesher.mesh(field.as_ref(), &|| mesher.observer.cancelled()) {
+        // Its progress is not that of training.
+        match mesher.mesh(field.as_ref(), &|| mesher.observer.cancelled(), &|_| {}) {
             Ok((mesh, _)) => {
                 mesher.observer.event(Event::Snapshot {
                     evaluation,
@@ -200,6 +208,7 @@ impl<'a> Mesher<'a> {
         &self,
         field: &dyn Field,
         stopped: &dyn Fn() -> bool,
+        progress: &dyn Fn(f64),
     ) -> Result<(TriangleMesh, SurfaceReport), Error> {
         let settings = &self.settings.surface;
         let extraction = extract(
@@ -211,7 +220,7 @@ impl<'a> Mesher<'a> {
                 projection_steps: settings.projection_steps,
                 max_triangles: MAX_TRIANGLES,
                 cancelled: stopped,
-                progress: &|share| self.observer.event(Event::Progress(share)),
+                progress,
             },
         )?;
         let mut report = SurfaceReport::new(&extraction, &self.prepared.frame);

@@ -110,6 +110,28 @@ fn an_interrupted_run_ends_with_the_same_bits() {
 }
 
 #[test]
+fn training_that_has_ended_is_not_repeated() {
+    for optimizer in [Optimizer::Lbfgs, Optimizer::Adam] {
+        // By the number of evaluations, and by the hold-out.
+        for patience in [0, 5] {
+            let settings = Training {
+                patience,
+                ..settings(optimizer)
+            };
+            let whole = Keeper::default();
+            let expected = run::<f64>(&settings, &whole, Identity::default()).unwrap();
+            let again = Keeper {
+                from: Some(whole.checkpoint.take()),
+                ..Keeper::default()
+            };
+            let found = run::<f64>(&settings, &again, Identity::default()).unwrap();
+            assert_eq!(found, expected, "{optimizer:?} {patience}");
+            assert!(again.metrics.borrow().is_empty());
+        }
+    }
+}
+
+#[test]
 fn a_checkpoint_of_something_else_is_refused_and_training_starts_anew() {
     let settings = settings(Optimizer::Lbfgs);
     let expected = run::<f64>(&settings, &Keeper::default(), Identity::default()).unwrap();

@@ -1,13 +1,14 @@
 //! What becomes of jobs when processes die, stop, hang, or take too much memory.
 
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::time::Duration;
 
-use meshway::jobs::{FailureReason, Job, Status};
+use meshway::jobs::{FailureReason, Job, NewEvent, Options, Record, Status, Store, clock};
 use rustix::process::{Signal, kill_process, test_kill_process};
 use serde_json::json;
 
 use crate::server::{Folder, PATIENCE, PROGRAM, until};
+use crate::wire::Connection;
 
 /// A killed worker's job runs again within so long; ten seconds are promised.
 const AGAIN: Duration = Duration::from_secs(10);
@@ -165,6 +166,78 @@ async fn a_server_that_is_asked_to_end_gives_its_jobs_back() {
 }
 
 #[tokio::test]
+async fn a_server_that_drains_is_still_heard() {
+    let folder = Folder::new().await;
+    // The worker does not look at its flags: it holds the end up until it is killed.
+    let mut server = folder.serve(&["--script=hang"]).await;
+    let id = folder.submit(json!({})).await;
+    let worker = folder.running(&id).await;
+    kill_process(server.pid(), Signal::TERM).unwrap();
+    until("it drains", PATIENCE, async || {
+        server.log().contains("the service stops").then_some(())
+    })
+    .await;
+    let mut connection = Connection::open(server.address()).await.unwrap();
+    let ready = connection.ask("GET /readyz", "", &[]).await.unwrap();
+    assert_eq!(ready.status, 503);
+    assert_eq!(ready.json()["checks"]["not_draining"]["ok"], false);
+    let job = json!({ "cloud_id": folder.cloud_id() });
+    let refused = connection.post("/v1/jobs", "", &job).await.unwrap();
+    assert_eq!(refused.status, 503);
+    assert_eq!(refused.json()["code"], "draining");
+    let read = connection.ask("GET /v1/jobs", "", &[]).await.unwrap();
+    assert_eq!(read.status, 200);
+    drop(connection);
+    kill_process(worker, Signal::KILL).unwrap();
+    assert!(server.ended().await.success());
+}
+
+#[tokio::test]
+async fn a_job_that_its_user_erased_is_no_loss() {
+    let folder = Folder::new().await;
+    let server = folder.serve(&["--script=sleep:60"]).await;
+    let id = folder.submit(json!({})).await;
+    folder.running(&id).await;
+    folder.store.delete_job(&id, "deleted").await.unwrap();
+    until("the worker hears of it", PATIENCE, async || {
+        server.log().contains("the job was erased").then_some(())
+    })
+    .await;
+    assert!(!server.log().contains("WARN"), "{}", server.log());
+}
+
+#[tokio::test]
+async fn the_time_limit_is_that_of_all_attempts() {
+    let folder = Folder::new().await;
+    let id = folder.submit(json!({})).await;
+    // An attempt that worked for an hour and died, an hour ago.
+    let clock = |ago: i64| {
+        let options = Options {
+            clock: std::sync::Arc::new(move || clock::now() - ago),
+            ..Options::default()
+        };
+        Store::open(folder.path(), options)
+    };
+    let (before, later) = (
+        clock(7_200_000).await.unwrap(),
+        clock(3_600_000).await.unwrap(),
+    );
+    let claim = before.claim("worker", 6_000).await.unwrap().unwrap();
+    let told = Record {
+        events: vec![NewEvent::new("job.progress", json!({"fraction": 0.5}))],
+        ..Record::default()
+    };
+    later.record(&claim, told).await.unwrap();
+    later.release(&claim).await.unwrap();
+    let _server = folder
+        .serve(&["--script=sleep:60", "--job-time-limit-seconds=3000"])
+        .await;
+    let job = folder.end(&id).await;
+    assert_eq!((job.status, job.attempt), (Status::Failed, 2));
+    assert_eq!(job.error.unwrap().code, "time_limit");
+}
+
+#[tokio::test]
 async fn a_stopped_worker_is_killed_and_its_job_runs_again() {
     let folder = Folder::new().await;
     let _server = folder.serve(&["--script=sleep:1"]).await;
@@ -184,7 +257,7 @@ async fn a_stopped_worker_is_killed_and_its_job_runs_again() {
 async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
     let folder = Folder::new().await;
     // Without a server, so that nobody kills it.
-    let mut worker = Command::new(PROGRAM)
+    let mut worker = tokio::process::Command::new(PROGRAM)
         .args([
             "worker",
             "--slot=0",
@@ -205,12 +278,22 @@ async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
         .arg(folder.path())
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
+        .kill_on_drop(true)
         .spawn()
         .unwrap();
     let id = folder.submit(json!({})).await;
     let pid = folder.running(&id).await;
-    kill_process(pid, Signal::STOP).unwrap();
     let store = &folder.store;
+    // Not in the middle of a write: nobody else could write then.
+    until("it is stopped between two writes", PATIENCE, async || {
+        kill_process(pid, Signal::STOP).unwrap();
+        if store.check_writable().await.is_ok() {
+            return Some(());
+        }
+        kill_process(pid, Signal::CONT).unwrap();
+        None
+    })
+    .await;
     until("the lease runs out", PATIENCE, async || {
         let reaped = store.reap_expired().await.unwrap();
         (reaped == [id.clone()]).then_some(())

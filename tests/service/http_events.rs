@@ -231,6 +231,43 @@ async fn a_job_that_is_erased_or_unknown_has_no_stream() {
 }
 
 #[tokio::test]
+async fn the_stream_of_a_job_ends_when_it_is_erased() {
+    let service = Service::new().await;
+    let id = service.submit().await;
+    let other = service.submit().await;
+    let events = |id: &str| format!("/v1/jobs/{id}/events");
+    let mut stream = Reader::open(&service, &events(&id), None).await;
+    let mut stays = Reader::open(&service, &events(&other), None).await;
+    for stream in [&mut stream, &mut stays] {
+        assert_eq!(stream.frame().await.unwrap().event, "job.queued");
+    }
+    service.delete(&format!("/v1/jobs/{id}")).await.expect(204);
+    // Not even a comment: the silence before one would be 15 seconds.
+    assert_eq!(stream.block().await, None);
+    service.claim().await;
+    assert_eq!(stays.frame().await.unwrap().event, "job.started");
+}
+
+#[tokio::test]
+async fn a_long_backlog_does_not_hold_the_end_up() {
+    let service = Service::new().await;
+    let id = service.submit().await;
+    let claim = service.claim().await;
+    let record = Record {
+        events: vec![progress(0.5).events.remove(0); 500],
+        ..Record::default()
+    };
+    service.store().record(&claim, record).await.unwrap();
+    let path = format!("/v1/jobs/{id}/events");
+    let mut stream = Reader::open(&service, &path, None).await;
+    stream.frame().await.unwrap();
+    service.app.shutdown.cancel();
+    let rest = stream.rest().await;
+    assert!(rest.len() < 300, "{}", rest.len());
+    assert_eq!(rest.last().unwrap().event, "shutdown");
+}
+
+#[tokio::test]
 async fn streams_are_limited_and_give_their_place_back() {
     let service = Service::with(&["--max-streams=2"]).await;
     let first = Reader::open(&service, "/v1/events", None).await;

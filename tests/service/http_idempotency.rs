@@ -183,3 +183,44 @@ async fn keys_have_a_form() {
             .expect_problem(400, "bad_header");
     }
 }
+
+#[tokio::test]
+async fn an_answered_key_is_answered_while_no_new_work_is_taken() {
+    let service = Service::new().await;
+    let upload = || keyed(upload_request(sphere_xyz(100, 0.0)), "k");
+    let first = service.send(upload()).await.expect(201).json();
+    let job = json!({ "cloud_id": first["id"] });
+    let submit = |key| keyed(json_request("/v1/jobs", &job), key);
+    let submitted = service.send(submit("k")).await.expect(202).json();
+    service.app.shutdown.cancel();
+    assert_eq!(service.send(upload()).await.expect(201).json(), first);
+    let again = service.send(submit("k")).await.expect(202);
+    assert_eq!(again.json(), submitted);
+    service
+        .send(submit("new"))
+        .await
+        .expect_problem(503, "draining");
+}
+
+#[tokio::test]
+async fn a_key_outlives_its_job() {
+    let service = Service::new().await;
+    let cloud_id = service.upload().await;
+    let submit = || {
+        keyed(
+            json_request("/v1/jobs", &json!({"cloud_id": cloud_id})),
+            "k",
+        )
+    };
+    let id = service.send(submit()).await.expect(202).json()["id"].clone();
+    let job = format!("/v1/jobs/{}", id.as_str().unwrap());
+    let cancel = || keyed(json_request(&format!("{job}/cancel"), &json!({})), "c");
+    service.send(cancel()).await.expect(200);
+    service.delete(&job).await.expect(204);
+    for request in [submit(), cancel()] {
+        let problem = service.send(request).await.expect_problem(410, "gone");
+        assert_eq!(problem["reason"], "deleted");
+    }
+    let left = service.get("/v1/jobs").await.json();
+    assert_eq!(left["items"], json!([]));
+}

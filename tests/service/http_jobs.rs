@@ -107,6 +107,7 @@ async fn claim_of(service: &Service, url: &str) -> meshway::jobs::Claim {
     let job = service.store().job(&id).await.unwrap().found().unwrap();
     meshway::jobs::Claim {
         attempt: job.attempt,
+        worked: std::time::Duration::ZERO,
         job,
     }
 }

@@ -181,7 +181,11 @@ impl Service {
     }
 
     pub(crate) async fn claim(&self) -> Claim {
-        self.store().claim("worker", 60_000).await.unwrap().unwrap()
+        self.store()
+            .claim("worker-0-1", 60_000)
+            .await
+            .unwrap()
+            .unwrap()
     }
 
     pub(crate) async fn fail(&self, claim: &Claim, code: &str) {

@@ -91,7 +91,7 @@ async fn prometheus_gets_every_name_and_no_job() {
     service.store().record(&claim, record).await.unwrap();
     let text = scrape(&service).await;
     assert!(
-        text.contains("meshway_training_loss{slot=\"worker\"} 0.25"),
+        text.contains("meshway_training_loss{slot=\"0\"} 0.25"),
         "{text}"
     );
     service.store().succeed(&claim, success()).await.unwrap();

@@ -1,13 +1,18 @@
 //! Uploads that are refused, and that they leave nothing.
 
+use std::os::unix::fs::PermissionsExt;
+
 use axum::body::{Body, Bytes};
 use axum::http::Request;
 use futures_util::{StreamExt, stream};
+use meshway::http::{App, router};
 use serde_json::json;
+use tokio_util::sync::CancellationToken;
 
 use crate::http_support::{
     Service, encoded, form_request, gzip, json_request, sphere_xyz, upload_request,
 };
+use crate::server::PROGRAM;
 
 #[tokio::test]
 async fn what_is_no_cloud_is_refused_and_leaves_nothing() {
@@ -226,4 +231,37 @@ async fn an_upload_that_stands_still_ends_with_408() {
     service
         .until("tmp is empty", |service| service.files("tmp").is_empty())
         .await;
+}
+
+#[tokio::test]
+async fn a_file_that_needs_too_much_memory_is_refused() {
+    let service = Service::new().await;
+    let file = service.dir.path().join("sphere.xyz");
+    let points = sphere_xyz(40_000, 0.0);
+    std::fs::write(&file, &points).unwrap();
+    let read = |limit: &str| {
+        let program = std::process::Command::new(PROGRAM)
+            .args(["inspect", "--memory-bytes", limit])
+            .arg(&file)
+            .output();
+        program.unwrap().status
+    };
+    assert!(read("1000000000").success());
+    assert!(!read("4000000").success());
+
+    // What the service makes of a child that dies of it.
+    let script = service.dir.path().join("child");
+    std::fs::write(&script, "#!/bin/sh\nkill -9 $$\n").unwrap();
+    std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let (store, config) = (service.store().clone(), service.app.config.clone());
+    let workers = service.workers.subscribe();
+    let app = App::new(store, config, workers, CancellationToken::new(), script);
+    let service = Service {
+        router: router(app.clone()),
+        app,
+        ..service
+    };
+    let refused = service.send(upload_request(points)).await;
+    let problem = refused.expect_problem(413, "too_many_points");
+    assert!(problem["detail"].as_str().unwrap().contains("memory"));
 }

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod faults;
+mod full_disk;
 mod http_clouds;
 mod http_contract;
 mod http_door;
@@ -16,6 +17,7 @@ mod http_uploads;
 mod http_waits;
 mod server;
 mod soak;
+mod store_attempts;
 mod store_catalogue;
 mod store_content;
 mod store_life;

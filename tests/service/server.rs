@@ -7,10 +7,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
+use meshway::jobs::store::DATABASE_FILE;
 use meshway::jobs::{CloudId, Event, Job, JobId, NewCloud, NewJob, Status, Store, store::Options};
 use meshway::reconstruction::settings::{Preset, Settings};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{ConnectOptions, SqliteConnection};
 use tempfile::TempDir;
 
 use crate::http_support::sphere_xyz;
@@ -32,7 +35,10 @@ pub(crate) struct Folder {
 
 impl Folder {
     pub(crate) async fn new() -> Self {
-        let dir = tempfile::tempdir().unwrap();
+        Self::at(tempfile::tempdir().unwrap()).await
+    }
+
+    pub(crate) async fn at(dir: TempDir) -> Self {
         fs::create_dir(dir.path().join("clouds")).unwrap();
         let sha256 = "a".repeat(64);
         let bytes = sphere_xyz(POINTS, 0.0).into_bytes();
@@ -59,6 +65,13 @@ impl Folder {
 
     pub(crate) fn cloud_id(&self) -> &CloudId {
         &self.cloud_id
+    }
+
+    /// A bare connection to the database.
+    pub(crate) async fn connection(&self) -> SqliteConnection {
+        let path = self.path().join(DATABASE_FILE);
+        let options = SqliteConnectOptions::new().filename(path);
+        options.connect().await.unwrap()
     }
 
     /// The processes that work in the folder.
@@ -203,11 +216,15 @@ impl Server {
     pub(crate) async fn terminate(mut self) -> (ExitStatus, Duration) {
         let start = Instant::now();
         kill_process(self.pid(), Signal::TERM).unwrap();
-        let status = until("the server ends", PATIENCE, async || {
+        (self.ended().await, start.elapsed())
+    }
+
+    /// Waits until the server has ended.
+    pub(crate) async fn ended(&mut self) -> ExitStatus {
+        until("the server ends", PATIENCE, async || {
             self.child.try_wait().unwrap()
         })
-        .await;
-        (status, start.elapsed())
+        .await
     }
 }
 

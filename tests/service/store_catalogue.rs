@@ -8,6 +8,7 @@ use meshway::jobs::{
 use meshway::reconstruction::training::{GradientHistogram, Metrics};
 use sqlx::Row;
 
+use crate::server::{PATIENCE, until};
 use crate::store_support::{Bench, new_cloud, success};
 
 fn response(body: &str) -> StoredResponse {
@@ -30,14 +31,16 @@ async fn an_answer_is_given_again_and_a_key_has_one_use() {
         IdempotencyState::Mismatch
     );
     store
-        .idempotency_complete("k", "POST", response("a"))
+        .idempotency_complete("k", "POST", None, response("a"))
         .await
         .unwrap();
     assert_eq!(
         begin("k", "h").await.unwrap(),
         IdempotencyState::Replay(response("a"))
     );
-    let twice = store.idempotency_complete("k", "POST", response("b")).await;
+    let twice = store
+        .idempotency_complete("k", "POST", None, response("b"))
+        .await;
     assert!(matches!(twice, Err(Error::Stale)), "{twice:?}");
 
     assert_eq!(begin("l", "h").await.unwrap(), IdempotencyState::New);
@@ -329,13 +332,48 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
         let count: i64 = sqlx::query_scalar(count).fetch_one(&mut db).await.unwrap();
         let expected = match table.as_str() {
             "_sqlx_migrations" => continue,
-            "clouds" => 1,
+            // Of idempotency the key, so that a repeated request makes no second job.
+            "clouds" | "idempotency" => 1,
             // sqlite_sequence: the largest ids of events and meshes that were ever given.
             "tombstones" | "sqlite_sequence" => 2,
             _ => 0,
         };
         assert_eq!(count, expected, "{table}");
     }
+    let kept: (Vec<u8>, String) = sqlx::query_as("SELECT body, headers FROM idempotency")
+        .fetch_one(&mut db)
+        .await
+        .unwrap();
+    assert_eq!(kept, (Vec::new(), "[]".to_owned()));
+    let again = bench.store.idempotency_begin("k", "POST", "h");
+    let state = again.await.unwrap();
+    assert!(
+        matches!(&state, IdempotencyState::Gone(stone) if stone.reason == "deleted"),
+        "{state:?}"
+    );
+}
+
+#[tokio::test]
+async fn erased_bytes_are_in_no_file() {
+    let bench = Bench::new().await;
+    let secret = b"the liver of patient 17";
+    let id = bench.submit().await.id;
+    let claim = bench.claim().await;
+    let mesh = NewMesh::new(1, 1, secret.repeat(1_000));
+    bench.store.put_snapshot(&claim, 2, mesh).await.unwrap();
+    let found = || {
+        let files = std::fs::read_dir(bench.path()).unwrap();
+        files.map(|file| file.unwrap().path()).any(|file| {
+            let bytes = std::fs::read(file).unwrap_or_default();
+            bytes.windows(secret.len()).any(|part| part == secret)
+        })
+    };
+    assert!(found());
+    bench.store.delete_job(&id, "deleted").await.unwrap();
+    until("they are overwritten", PATIENCE, async || {
+        (!found()).then_some(())
+    })
+    .await;
 }
 
 fn row_of_everything() -> Record {

@@ -5,9 +5,10 @@
 //! would make the repeated request submit a second job.
 
 use super::Store;
+use super::jobs::find_tombstone;
 use super::row::{Columns, to_json};
 use super::writer::Transaction;
-use crate::jobs::{Error, Job, Result};
+use crate::jobs::{Error, Job, JobId, Lookup, Result, Tombstone};
 
 /// Makes [`Store::submit`] keep its answer under a key that was begun.
 pub struct Idempotency {
@@ -41,6 +42,8 @@ pub enum IdempotencyState {
     InFlight,
     /// Another request has used the key.
     Mismatch,
+    /// The same request was answered with a job that was erased since.
+    Gone(Tombstone),
 }
 
 impl Store {
@@ -80,6 +83,11 @@ impl Store {
                 if columns.get::<String>("request_sha256")? != request_sha256 {
                     return Ok(IdempotencyState::Mismatch);
                 }
+                if let Some(job) = columns.name::<JobId>("job_id")?
+                    && let Lookup::Gone(tombstone) = find_tombstone(&mut *tx.db, &job).await?
+                {
+                    return Ok(IdempotencyState::Gone(tombstone));
+                }
                 let Some(status) = columns.get::<Option<i64>>("status")? else {
                     return Ok(IdempotencyState::InFlight);
                 };
@@ -94,7 +102,23 @@ impl Store {
         .await
     }
 
-    /// Keeps the answer to a request that was begun and made no job.
+    /// Whether a request with this key was answered; takes no lock and writes nothing.
+    ///
+    /// # Errors
+    /// As every read: `Busy`, `Closed`, `Database`.
+    pub async fn idempotency_answered(&self, key: &str, scope: &str) -> Result<bool> {
+        Ok(sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM idempotency
+                            WHERE key = ?1 AND scope = ?2 AND status IS NOT NULL)",
+        )
+        .bind(key)
+        .bind(scope)
+        .fetch_one(self.readers())
+        .await?)
+    }
+
+    /// Keeps the answer to a request that was begun and made no job; one that tells of a job is
+    /// erased with it.
     ///
     /// # Errors
     /// `Stale` if the key is not in flight, and as every write.
@@ -102,11 +126,12 @@ impl Store {
         &self,
         key: &str,
         scope: &str,
+        job: Option<&JobId>,
         response: StoredResponse,
     ) -> Result<()> {
-        let (key, scope) = (key.to_owned(), scope.to_owned());
+        let (key, scope, job) = (key.to_owned(), scope.to_owned(), job.cloned());
         self.write(move |mut tx| {
-            Box::pin(async move { tx.complete(&key, &scope, None, &response).await })
+            Box::pin(async move { tx.complete(&key, &scope, job.as_ref(), &response).await })
         })
         .await
     }
@@ -172,7 +197,7 @@ impl Transaction<'_> {
     /// Keeps the answer to the submission of a job.
     pub(super) async fn keep_answer(&mut self, asked: Idempotency, job: &Job) -> Result<()> {
         let response = (asked.respond)(job);
-        self.complete(&asked.key, &asked.scope, Some(job), &response)
+        self.complete(&asked.key, &asked.scope, Some(&job.id), &response)
             .await
     }
 
@@ -180,7 +205,7 @@ impl Transaction<'_> {
         &mut self,
         key: &str,
         scope: &str,
-        job: Option<&Job>,
+        job: Option<&JobId>,
         response: &StoredResponse,
     ) -> Result<()> {
         let completed = sqlx::query(
@@ -192,7 +217,7 @@ impl Transaction<'_> {
         .bind(i64::from(response.status))
         .bind(to_json(&response.headers))
         .bind(response.body.as_slice())
-        .bind(job.map(|job| job.id.as_str()))
+        .bind(job.map(JobId::as_str))
         .execute(&mut *self.db)
         .await?;
         if completed.rows_affected() == 1 {

@@ -125,34 +125,38 @@ impl Store {
     /// As every write.
     pub async fn delete_job(&self, id: &JobId, reason: &'static str) -> Result<Lookup> {
         let id = id.clone();
-        self.write(move |mut tx| {
-            Box::pin(async move {
-                let Some(job) = find_job(&mut *tx.db, &id).await? else {
-                    return find_tombstone(&mut *tx.db, &id).await;
-                };
-                // Foreign keys are enforced: a table that were forgotten here would refuse it.
-                for statement in [
-                    "DELETE FROM mesh_chunks
+        let erased = self
+            .write(move |mut tx| {
+                Box::pin(async move {
+                    let Some(job) = find_job(&mut *tx.db, &id).await? else {
+                        return find_tombstone(&mut *tx.db, &id).await;
+                    };
+                    // Foreign keys are enforced: a table that were forgotten here would refuse it.
+                    for statement in [
+                        "DELETE FROM mesh_chunks
                      WHERE mesh_id IN (SELECT id FROM meshes WHERE job_id = ?1)",
-                    "DELETE FROM meshes WHERE job_id = ?1",
-                    "DELETE FROM models WHERE job_id = ?1",
-                    "DELETE FROM checkpoints WHERE job_id = ?1",
-                    "DELETE FROM metrics WHERE job_id = ?1",
-                    "DELETE FROM gradients WHERE job_id = ?1",
-                    "DELETE FROM events WHERE job_id = ?1",
-                    "DELETE FROM idempotency WHERE job_id = ?1",
-                    "DELETE FROM jobs WHERE id = ?1",
-                ] {
-                    sqlx::query(statement)
-                        .bind(id.as_str())
-                        .execute(&mut *tx.db)
-                        .await?;
-                }
-                tx.bury(id.as_str(), reason).await?;
-                Ok(Lookup::Found(Box::new(job)))
+                        "DELETE FROM meshes WHERE job_id = ?1",
+                        "DELETE FROM models WHERE job_id = ?1",
+                        "DELETE FROM checkpoints WHERE job_id = ?1",
+                        "DELETE FROM metrics WHERE job_id = ?1",
+                        "DELETE FROM gradients WHERE job_id = ?1",
+                        "DELETE FROM events WHERE job_id = ?1",
+                        // The key stays: a request that comes again must not make a second job.
+                        "UPDATE idempotency SET headers = '[]', body = x'' WHERE job_id = ?1",
+                        "DELETE FROM jobs WHERE id = ?1",
+                    ] {
+                        sqlx::query(statement)
+                            .bind(id.as_str())
+                            .execute(&mut *tx.db)
+                            .await?;
+                    }
+                    tx.bury(id.as_str(), reason).await?;
+                    Ok(Lookup::Found(Box::new(job)))
+                })
             })
-        })
-        .await
+            .await?;
+        self.shred();
+        Ok(erased)
     }
 
     /// Jobs that ended before the given time, longest ago first: what a retention erases.
@@ -255,7 +259,7 @@ async fn find_job<'e>(db: impl Executor<'e, Database = Sqlite>, id: &JobId) -> R
     row.as_ref().map(job_of).transpose()
 }
 
-async fn find_tombstone<'e>(
+pub(super) async fn find_tombstone<'e>(
     db: impl Executor<'e, Database = Sqlite>,
     id: &JobId,
 ) -> Result<Lookup> {

@@ -4,7 +4,9 @@
 //! and writes nothing. A lease that has run out still holds until somebody reaps it: it is the
 //! attempt that protects the job, the lease only tells when to stop waiting.
 
-use serde_json::json;
+use std::time::Duration;
+
+use serde_json::{Value, json};
 
 use super::Store;
 use super::jobs::job_of;
@@ -50,13 +52,18 @@ impl Store {
                     tx.append_event(&job.id, "job.started", &data).await?;
                 } else {
                     tx.forget_after_checkpoint(&job.id).await?;
-                    let data = json!({ "worker": worker, "reason": job.failure_reason });
+                    let data = json!({
+                        "worker": worker,
+                        "reason": tx.requeue_reason(&job.id).await?,
+                    });
                     tx.append_event(&job.id, "job.attempt_started", &data)
                         .await?;
                 }
                 let job = tx.load_job(&job.id).await?;
+                let worked_ms = tx.worked_ms(&job.id, job.attempt).await?;
                 Ok(Some(Claim {
                     attempt: job.attempt,
+                    worked: Duration::from_millis(worked_ms.max(0) as u64),
                     job,
                 }))
             })
@@ -209,6 +216,35 @@ impl Store {
 }
 
 impl Transaction<'_> {
+    /// Why a job that waits again does so. Not its `failure_reason`: a release is no failure.
+    async fn requeue_reason(&mut self, id: &JobId) -> Result<Value> {
+        let data: String = sqlx::query_scalar(
+            "SELECT data FROM events WHERE job_id = ?1 AND event = 'job.queued'
+             ORDER BY id DESC LIMIT 1",
+        )
+        .bind(id.as_str())
+        .fetch_one(&mut *self.db)
+        .await?;
+        let mut data: Value =
+            serde_json::from_str(&data).map_err(Error::inconsistent("events", "data"))?;
+        Ok(data["reason"].take())
+    }
+
+    /// How long earlier attempts worked, in milliseconds: each from its first event to its last.
+    /// What lies between its last sign of life and the next attempt is no work.
+    async fn worked_ms(&mut self, id: &JobId, attempt: i64) -> Result<i64> {
+        Ok(sqlx::query_scalar(
+            "SELECT COALESCE(SUM(worked), 0) FROM
+                 (SELECT MAX(time) - MIN(time) AS worked FROM events
+                  WHERE job_id = ?1 AND attempt BETWEEN 1 AND ?2 - 1 AND event <> 'job.queued'
+                  GROUP BY attempt)",
+        )
+        .bind(id.as_str())
+        .bind(attempt)
+        .fetch_one(&mut *self.db)
+        .await?)
+    }
+
     /// The job, if that attempt runs.
     ///
     /// # Errors

@@ -19,6 +19,7 @@ mod meshes;
 mod metrics;
 mod outcome;
 mod row;
+mod shredder;
 mod tombstones;
 mod writer;
 
@@ -41,6 +42,7 @@ pub use meshes::{MESH_CHUNK_BYTES, MeshInfo};
 
 use super::Result;
 use super::clock::{self, Clock};
+use shredder::Shredder;
 use writer::{Transaction, Writer};
 
 /// File of the database in the data folder.
@@ -92,6 +94,7 @@ pub struct Store {
 struct Inner {
     writer: Writer,
     readers: SqlitePool,
+    shredder: Shredder,
     changed: watch::Sender<u64>,
     options: Arc<Options>,
 }
@@ -125,7 +128,7 @@ impl Store {
             .acquire_timeout(options.busy_timeout)
             .idle_timeout(None)
             .max_lifetime(None)
-            .connect_with(connect.read_only(true))
+            .connect_with(connect.clone().read_only(true))
             .await?;
         let options = Arc::new(options);
         let (changed, _) = watch::channel(0);
@@ -134,6 +137,7 @@ impl Store {
             inner: Arc::new(Inner {
                 writer,
                 readers,
+                shredder: Shredder::start(connect),
                 changed,
                 options,
             }),
@@ -142,6 +146,7 @@ impl Store {
 
     /// Finishes the writes that wait and closes all connections; later calls get `Closed`.
     pub async fn close(&self) {
+        self.inner.shredder.stop();
         self.inner.readers.close().await;
         self.inner.writer.close().await;
     }
@@ -155,6 +160,11 @@ impl Store {
     /// Tells all subscribers that another process has committed.
     pub fn wake(&self) {
         self.inner.changed.send_modify(|commits| *commits += 1);
+    }
+
+    /// Overwrites what was erased in the write-ahead log, too, soon and in the background.
+    pub fn shred(&self) {
+        self.inner.shredder.wake();
     }
 
     /// The store's time, in milliseconds since the epoch.

@@ -13,7 +13,7 @@ use super::progress::Pending;
 use super::sink::{Message, Sink};
 use super::work::{Assignment, Failure, encode};
 use super::{End, Worker, lease};
-use crate::jobs::{Claim, Error, FailureReason, NewMesh, Problem, Record, Result, Success};
+use crate::jobs::{Claim, Error, FailureReason, Lookup, NewMesh, Problem, Record, Result, Success};
 
 /// Time between two writes of progress: four a second are what a stream shows.
 const FLUSH: Duration = Duration::from_millis(250);
@@ -129,7 +129,7 @@ impl<'a> Attempt<'a> {
             control.asked().await;
             tokio::time::sleep(options.grace).await;
         };
-        let limit = tokio::time::sleep(options.time_limit);
+        let limit = tokio::time::sleep(options.time_limit.saturating_sub(self.claim.worked));
         tokio::pin!(overdue, limit);
         let mut flush = tokio::time::interval(FLUSH);
         flush.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -210,8 +210,7 @@ impl<'a> Attempt<'a> {
     async fn settle(&mut self, outcome: Outcome) {
         let stop = self.control.reason();
         if stop == Some(Stop::Lost) {
-            tracing::warn!(job = %self.claim.job_id(), attempt = self.claim.attempt, "the job was lost");
-            return;
+            return self.lost().await;
         }
         let last = self.pending.take().unwrap_or_default();
         let result = match (outcome, stop) {
@@ -233,6 +232,16 @@ impl<'a> Attempt<'a> {
             }
         }
         (self.worker.signals.committed)(job);
+    }
+
+    /// Says why nothing more is written.
+    async fn lost(&self) {
+        let (job, attempt) = (self.claim.job_id(), self.claim.attempt);
+        if let Ok(Lookup::Gone(_)) = self.worker.store.job(job).await {
+            tracing::info!(%job, attempt, "the job was erased");
+        } else {
+            tracing::warn!(%job, attempt, "the job was lost");
+        }
     }
 
     async fn succeed(&self, finished: Finished, last: Record) -> Result<()> {

@@ -36,7 +36,7 @@ pub struct Options {
     pub name: String,
     /// The folder of the service.
     pub data_dir: PathBuf,
-    /// Longest time of one attempt.
+    /// Longest time of a job, over its attempts.
     pub time_limit: Duration,
     /// Time between two checkpoints of a training run.
     pub checkpoint_interval: Duration,
@@ -59,6 +59,12 @@ pub struct Signals {
 /// The name of the worker process of a slot: no two processes have the same at one time.
 pub fn worker_name(slot: u16, pid: u32) -> String {
     format!("worker-{slot}-{pid}")
+}
+
+/// The slot of the worker of this name.
+pub fn slot_of(name: &str) -> Option<u16> {
+    let (slot, _pid) = name.strip_prefix("worker-")?.split_once('-')?;
+    slot.parse().ok()
 }
 
 /// How a worker ended.
@@ -110,5 +116,16 @@ impl Worker {
             }
         }
         Ok(End::Stopped)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_tells_its_slot() {
+        assert_eq!(slot_of(&worker_name(3, 6_944)), Some(3));
+        assert_eq!(slot_of("another"), None);
     }
 }

@@ -1,6 +1,7 @@
 //! What a job told since its rows were last written: how far it is, its series, its events.
 
-use std::time::Instant;
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
 
 use serde_json::json;
 
@@ -27,7 +28,7 @@ impl Pending {
             share: None,
             newest: None,
             phase: Phase::Sampling,
-            meter: Meter::new(),
+            meter: Meter::default(),
             rows_left,
         }
     }
@@ -36,6 +37,7 @@ impl Pending {
         // Its last metrics come before the stage that follows.
         self.close_metrics();
         self.phase = phase;
+        self.meter = Meter::default();
         self.share = Some(0.0);
         self.record.phase = Some(phase);
         self.event("job.phase", json!({ "phase": phase }));
@@ -71,7 +73,10 @@ impl Pending {
         self.close_metrics();
         if let Some(share) = self.share.take() {
             let fraction = whole(self.phase, share);
-            let eta_seconds = self.meter.remaining(fraction);
+            // The beginning is no mark: one that goes on from a checkpoint jumps ahead from it.
+            let eta_seconds = (share > 0.0)
+                .then(|| self.meter.remaining(self.phase, share, Instant::now()))
+                .flatten();
             self.record.progress = Some(fraction);
             self.record.eta_seconds = eta_seconds;
             let data = json!({ "fraction": fraction, "eta_seconds": eta_seconds });
@@ -106,25 +111,47 @@ fn whole(phase: Phase, share: f64) -> f64 {
     from + (to - from) * share.clamp(0.0, 1.0)
 }
 
-/// Estimates the end from the speed of this attempt, which may have begun in the middle.
+/// Time over which the speed of a stage is measured: an early line search must not set it for good.
+const WINDOW: Duration = Duration::from_mins(1);
+/// Shorter measurements are noise.
+const SHORTEST: Duration = Duration::from_secs(1);
+
+/// Estimates the end from the speed of the present stage.
+#[derive(Default)]
 struct Meter {
-    start: Instant,
-    first: Option<f64>,
+    /// When the stage was how far, oldest first; the first mark may be in its middle.
+    marks: VecDeque<(Instant, f64)>,
 }
 
 impl Meter {
-    fn new() -> Self {
-        Self {
-            start: Instant::now(),
-            first: None,
+    /// Seconds to the end of the job, now that the stage has come so far.
+    fn remaining(&mut self, phase: Phase, share: f64, now: Instant) -> Option<f64> {
+        self.marks.push_back((now, share));
+        while let Some(&(second, _)) = self.marks.get(1)
+            && self.marks.len() > 2
+            && now - second > WINDOW
+        {
+            self.marks.pop_front();
         }
+        let &(since, from) = self.marks.front()?;
+        let elapsed = now - since;
+        let afterwards = afterwards(phase)?;
+        (share > from && elapsed >= SHORTEST).then(|| {
+            let whole = elapsed.as_secs_f64() / (share - from);
+            whole * (1.0 - share + afterwards)
+        })
     }
+}
 
-    fn remaining(&mut self, fraction: f64) -> Option<f64> {
-        let done = fraction - *self.first.get_or_insert(fraction);
-        let elapsed = self.start.elapsed().as_secs_f64();
-        // Earlier an estimate would be noise.
-        (done > 0.02).then(|| elapsed * (1.0 - fraction) / done)
+/// How long the stages after this one take, as a share of its own time. The longer a training, the
+/// less they count: this is for one of some minutes.
+fn afterwards(phase: Phase) -> Option<f64> {
+    match phase {
+        // Nobody knows yet how fast training will be.
+        Phase::Sampling => None,
+        Phase::Training => Some(0.05),
+        Phase::Surface => Some(0.2),
+        Phase::Report => Some(0.0),
     }
 }
 
@@ -150,6 +177,62 @@ mod tests {
             .iter()
             .map(|event| event.event.as_str())
             .collect()
+    }
+
+    /// Estimates at so many seconds and shares of a training.
+    fn estimates(marks: &[(f64, f64)]) -> Vec<Option<f64>> {
+        let start = Instant::now();
+        let mut meter = Meter::default();
+        let estimate = |&(seconds, share): &(f64, f64)| {
+            let now = start + Duration::from_secs_f64(seconds);
+            meter.remaining(Phase::Training, share, now)
+        };
+        marks.iter().map(estimate).collect()
+    }
+
+    fn close(found: Option<f64>, expected: f64) -> bool {
+        found.is_some_and(|found| (found - expected).abs() < 1e-6 * expected)
+    }
+
+    #[test]
+    fn the_end_follows_from_the_speed_of_training() {
+        // An hour of it, a tenth done at a time; the stages after it take 3 minutes.
+        let marks: Vec<_> = (0..10)
+            .map(|k| (360.0 * f64::from(k), 0.1 * f64::from(k)))
+            .collect();
+        let found = estimates(&marks);
+        assert_eq!(found[0], None);
+        for (k, &found) in found.iter().enumerate().skip(1) {
+            let expected = 3_600.0 - 360.0 * k as f64 + 180.0;
+            assert!(close(found, expected), "{k}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn only_the_recent_speed_counts() {
+        // Ten times slower after the first minute.
+        let mut marks: Vec<_> = (0..=60)
+            .map(|s| (f64::from(s), 0.01 * f64::from(s)))
+            .collect();
+        marks.extend((1..=120).map(|s| (60.0 + f64::from(s), 0.6 + 0.001 * f64::from(s))));
+        let last = *estimates(&marks).last().unwrap();
+        assert!(close(last, (0.28 + 0.05) * 1_000.0), "{last:?}");
+    }
+
+    #[test]
+    fn a_training_that_goes_on_is_measured_from_there() {
+        let found = estimates(&[(3.0, 0.8), (3.5, 0.805), (13.0, 0.9)]);
+        assert_eq!(found[..2], [None, None]);
+        assert!(close(found[2], 15.0), "{found:?}");
+    }
+
+    #[test]
+    fn sampling_tells_no_end() {
+        let mut meter = Meter::default();
+        let start = Instant::now();
+        meter.remaining(Phase::Sampling, 0.1, start);
+        let later = start + Duration::from_secs(5);
+        assert_eq!(meter.remaining(Phase::Sampling, 0.9, later), None);
     }
 
     #[test]

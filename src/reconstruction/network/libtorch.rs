@@ -48,6 +48,10 @@ impl<T: Scalar> Libtorch<T> {
 }
 
 impl<T: Scalar> Engine<T> for Libtorch<T> {
+    fn name(&self) -> &'static str {
+        "libtorch"
+    }
+
     fn architecture(&self) -> &Architecture {
         &self.architecture
     }

@@ -4,6 +4,7 @@
 //! nothing but this vector, so it knows neither layers nor tensors.
 
 mod architecture;
+mod fused;
 mod initialisation;
 mod libtorch;
 mod model;
@@ -11,6 +12,7 @@ mod plain;
 mod scalar;
 
 pub use architecture::{Architecture, Layer};
+pub use fused::{Fused, instruction_sets};
 pub use initialisation::initial_parameters;
 pub use libtorch::Libtorch;
 pub use model::{Model, ModelError};
@@ -18,12 +20,17 @@ pub use plain::PlainNetwork;
 pub use scalar::Scalar;
 
 use super::error::Error;
+use super::sampling::Samples;
+use super::settings;
 use super::surface::Field;
 
 /// Evaluates a network of one architecture over fixed training and validation samples.
 ///
 /// `Libtorch` is the reference that any other implementation is tested against.
 pub trait Engine<T: Scalar> {
+    /// Its name in settings and reports.
+    fn name(&self) -> &'static str;
+
     /// Shape of the network.
     fn architecture(&self) -> &Architecture;
 
@@ -51,4 +58,29 @@ pub trait Engine<T: Scalar> {
     /// # Errors
     /// As for [`Self::loss_and_gradient`].
     fn field(&self, parameters: &[T]) -> Result<Box<dyn Field + '_>, Error>;
+}
+
+/// The engine that the settings ask for, over these samples.
+///
+/// # Errors
+/// [`settings::Error::Conflict`] where `fused` is asked for and has not the scheme or the precision,
+/// which [`settings::Settings::resolve`] refuses; when libtorch refuses a tensor.
+pub fn engine<T: Scalar>(
+    choice: settings::Engine,
+    architecture: &Architecture,
+    training: &Samples,
+    validation: &Samples,
+) -> Result<Box<dyn Engine<T>>, Error> {
+    let libtorch = || Libtorch::new(architecture.clone(), training, validation);
+    let fused = || T::fused(architecture, training, validation);
+    Ok(match choice {
+        settings::Engine::Libtorch => Box::new(libtorch()?),
+        settings::Engine::Fused => fused().ok_or_else(|| {
+            settings::Error::conflict("/training/engine", settings::NO_FUSED_ENGINE)
+        })?,
+        settings::Engine::Auto => match fused() {
+            Some(fused) => fused,
+            None => Box::new(libtorch()?),
+        },
+    })
 }

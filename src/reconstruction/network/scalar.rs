@@ -6,6 +6,9 @@ use std::ops::{Add, AddAssign, Mul, Sub};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use super::{Architecture, Engine, Fused};
+use crate::reconstruction::sampling::Samples;
+
 /// `f32` or `f64`.
 pub trait Scalar:
     tch::kind::Element
@@ -27,6 +30,14 @@ pub trait Scalar:
 
     /// The same value, exactly.
     fn to_f64(self) -> f64;
+
+    /// The fused engine over these samples, where it computes in this type and has the
+    /// architecture.
+    fn fused(
+        architecture: &Architecture,
+        training: &Samples,
+        validation: &Samples,
+    ) -> Option<Box<dyn Engine<Self>>>;
 }
 
 impl Scalar for f32 {
@@ -37,6 +48,15 @@ impl Scalar for f32 {
     fn to_f64(self) -> f64 {
         f64::from(self)
     }
+
+    fn fused(
+        architecture: &Architecture,
+        training: &Samples,
+        validation: &Samples,
+    ) -> Option<Box<dyn Engine<Self>>> {
+        let engine = Fused::new(architecture.clone(), training, validation)?;
+        Some(Box::new(engine))
+    }
 }
 
 impl Scalar for f64 {
@@ -46,5 +66,9 @@ impl Scalar for f64 {
 
     fn to_f64(self) -> f64 {
         self
+    }
+
+    fn fused(_: &Architecture, _: &Samples, _: &Samples) -> Option<Box<dyn Engine<Self>>> {
+        None
     }
 }

@@ -67,7 +67,7 @@ pub const CHOICES: &[Choice] = &[
         &["plain", "resnet", "highway", "hw", "sqrhw"],
     ),
     choice("/network/precision", &["f32", "f64"]),
-    choice("/training/engine", &["auto", "libtorch"]),
+    choice("/training/engine", &["auto", "fused", "libtorch"]),
     choice("/training/optimizer", &["lbfgs", "adam", "adam_lbfgs"]),
     choice("/sampling/frame", &["normalized", "given"]),
     choice("/sampling/targets", &["binary", "graded"]),

@@ -6,6 +6,10 @@ use super::domain::{MAX_CHOSEN_EVALUATIONS, names, refuse};
 use super::{BOUNDS, Error, Preset, Settings, Violation};
 use crate::nearest::did_you_mean;
 
+/// What is wrong with asking for the fused engine where there is none.
+pub(in crate::reconstruction) const NO_FUSED_ENGINE: &str =
+    "is fused, which has neither precision f64 nor scheme highway; choose auto or libtorch";
+
 impl Settings {
     /// Lays `given`, a JSON object of what differs, over the settings of `preset`.
     ///
@@ -85,6 +89,12 @@ impl Settings {
                 "/sampling/off_surface",
                 "is generated, but near_pairs and far_points are both 0; set one, or choose labels",
             );
+        }
+        if self.training.engine == super::Engine::Fused
+            && (self.network.precision == super::Precision::F64
+                || self.network.scheme == super::Scheme::Highway)
+        {
+            conflict("/training/engine", NO_FUSED_ENGINE);
         }
         if self.surface.evaluation == super::Evaluation::Dense && self.surface.resolution > 512 {
             conflict(

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
+use super::Termination;
 use super::holdout::Chosen;
 use super::iterate::Iterate;
 use super::method::Method;
@@ -22,7 +23,7 @@ use crate::reconstruction::settings::Settings;
 use crate::reconstruction::vector::Vec3;
 
 /// Changes with the state or with what the optimisers do with it.
-const MAGIC: &[u8; 8] = b"MWTRAIN1";
+const MAGIC: &[u8; 8] = b"MWTRAIN2";
 const HASH_BYTES: usize = 32;
 
 /// Hash of all that a training run depends on.
@@ -64,6 +65,8 @@ pub(super) struct State<'a, T: Clone> {
     pub(super) evaluations: u64,
     /// Seconds of training so far, for the time limit.
     pub(super) elapsed_seconds: f64,
+    /// Why training ended, if it did.
+    pub(super) ended: Option<Termination>,
 }
 
 /// Why a checkpoint is not used; completes "the checkpoint …".

@@ -55,15 +55,17 @@ pub fn train<'a, T: Scalar>(
         Err(Interrupt::Stop(_)) => return Err(Error::Cancelled),
         Err(Interrupt::Failed(error)) => return Err(error),
     };
-    loop {
+    let termination = loop {
+        if let Some(termination) = run.ended {
+            break termination;
+        }
         match run.step() {
             Ok(None) => run.checkpoint()?,
-            Ok(Some(termination)) | Err(Interrupt::Stop(termination)) => {
-                return run.finish(termination);
-            }
+            Ok(Some(termination)) | Err(Interrupt::Stop(termination)) => run.end(termination),
             Err(Interrupt::Failed(error)) => return Err(error),
         }
-    }
+    };
+    run.finish(termination)
 }
 
 struct Run<'a, T> {
@@ -73,6 +75,7 @@ struct Run<'a, T> {
     method: Method<T>,
     holdout: Holdout<'a, T>,
     iterations: u64,
+    ended: Option<Termination>,
 }
 
 impl<'a, T: Scalar> Run<'a, T> {
@@ -100,6 +103,7 @@ impl<'a, T: Scalar> Run<'a, T> {
             at,
             holdout,
             iterations: 0,
+            ended: None,
         })
     }
 
@@ -119,6 +123,7 @@ impl<'a, T: Scalar> Run<'a, T> {
             method: state.method.into_owned(),
             holdout,
             iterations: state.iterations,
+            ended: state.ended,
         }
     }
 
@@ -128,23 +133,38 @@ impl<'a, T: Scalar> Run<'a, T> {
         let observer = self.monitor.observer();
         let released = observer.released();
         if released || observer.checkpoint_due() {
-            let state = State {
-                at: Cow::Borrowed(&self.at),
-                method: Cow::Borrowed(&self.method),
-                best: self.holdout.best().map(Cow::Borrowed),
-                iterations: self.iterations,
-                evaluations: self.monitor.evaluations(),
-                elapsed_seconds: self.monitor.elapsed_seconds(),
-            };
-            observer.event(Event::Checkpoint {
-                evaluation: state.evaluations,
-                data: &state.encode(self.monitor.identity()),
-            });
+            self.hand_out(&self.method);
         }
         if released {
             return Err(Error::Interrupted);
         }
         Ok(())
+    }
+
+    /// Notes why training ended, and hands out a last state: what comes after it may be interrupted
+    /// too, and training shall not be repeated then.
+    fn end(&mut self, termination: Termination) {
+        self.ended = Some(termination);
+        if termination != Termination::Cancelled {
+            // No step follows: the pairs, nearly all of a state, are not needed.
+            self.hand_out(&Method::first(self.settings, self.at.parameters.len()));
+        }
+    }
+
+    fn hand_out(&self, method: &Method<T>) {
+        let state = State {
+            at: Cow::Borrowed(&self.at),
+            method: Cow::Borrowed(method),
+            best: self.holdout.best().map(Cow::Borrowed),
+            iterations: self.iterations,
+            evaluations: self.monitor.evaluations(),
+            elapsed_seconds: self.monitor.elapsed_seconds(),
+            ended: self.ended,
+        };
+        self.monitor.observer().event(Event::Checkpoint {
+            evaluation: state.evaluations,
+            data: &state.encode(self.monitor.identity()),
+        });
     }
 
     /// One accepted step; the reason when it was the last.

@@ -1,0 +1,155 @@
+//! The network as a field.
+
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+
+use super::aligned::Aligned;
+use super::batch::fill_rows;
+use super::block_points;
+use super::pass::{Network, Pass, Rule, Scratch, block_vectors};
+use super::pool::Pool;
+use crate::reconstruction::error::Error;
+use crate::reconstruction::surface::Field;
+use crate::reconstruction::vector::Vec3;
+
+/// Points that one thread takes at a time: enough to outweigh handing them out.
+const CHUNK: usize = 1024;
+
+/// A network with fixed parameters.
+pub(super) struct FusedField<'a> {
+    arch: Arch,
+    network: Network<'a>,
+    block_points: usize,
+    workspaces: Pool<Workspace>,
+}
+
+/// Memory for one block.
+#[derive(Debug)]
+struct Workspace {
+    scratch: Scratch,
+    points: Aligned,
+    gradients: Aligned,
+}
+
+impl<'a> FusedField<'a> {
+    pub(super) fn new(arch: Arch, network: Network<'a>) -> Self {
+        Self {
+            arch,
+            network,
+            block_points: block_points(arch),
+            workspaces: Pool::new(),
+        }
+    }
+
+    fn workspace(&self) -> Workspace {
+        let rules: &[Rule] = self.network.rules;
+        let width = self.network.maps[0].weight.rows;
+        Workspace {
+            scratch: Scratch::new(rules, width, self.block_points, self.block_points),
+            points: Aligned::zeros(3 * self.block_points),
+            gradients: Aligned::zeros(3 * self.block_points),
+        }
+    }
+
+    fn evaluate(&self, points: &[Vec3], values: &mut [f64], gradients: Option<&mut [Vec3]>) {
+        self.workspaces.with(
+            || self.workspace(),
+            |workspace| {
+                self.arch.dispatch(Evaluate {
+                    network: &self.network,
+                    workspace,
+                    points,
+                    values,
+                    gradients,
+                });
+            },
+        );
+    }
+}
+
+impl Field for FusedField<'_> {
+    fn values(&self, points: &[Vec3], values: &mut [f64]) -> Result<(), Error> {
+        points
+            .par_chunks(CHUNK)
+            .zip(values.par_chunks_mut(CHUNK))
+            .for_each(|(points, values)| self.evaluate(points, values, None));
+        Ok(())
+    }
+
+    fn values_and_gradients(
+        &self,
+        points: &[Vec3],
+        values: &mut [f64],
+        gradients: &mut [Vec3],
+    ) -> Result<(), Error> {
+        points
+            .par_chunks(CHUNK)
+            .zip(values.par_chunks_mut(CHUNK))
+            .zip(gradients.par_chunks_mut(CHUNK))
+            .for_each(|((points, values), gradients)| {
+                self.evaluate(points, values, Some(gradients));
+            });
+        Ok(())
+    }
+}
+
+/// f, and ∇f where it is wanted, at some points.
+struct Evaluate<'a> {
+    network: &'a Network<'a>,
+    workspace: &'a mut Workspace,
+    points: &'a [Vec3],
+    values: &'a mut [f64],
+    gradients: Option<&'a mut [Vec3]>,
+}
+
+impl WithSimd for Evaluate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        match block_vectors::<S>() {
+            4 => self.run::<S, 4>(simd),
+            _ => self.run::<S, 2>(simd),
+        }
+    }
+}
+
+impl Evaluate<'_> {
+    #[inline(always)]
+    fn run<S: Simd, const N: usize>(mut self, simd: S) {
+        let Workspace {
+            scratch,
+            points: rows,
+            gradients: slopes,
+        } = self.workspace;
+        let length = rows.len() / 3;
+        let mut pass = Pass {
+            simd,
+            network: self.network,
+            scratch,
+        };
+        let chunks = self
+            .points
+            .chunks(length)
+            .zip(self.values.chunks_mut(length));
+        for (chunk, (points, values)) in chunks.enumerate() {
+            fill_rows(rows, points);
+            pass.forward::<N>(0, rows);
+            for (value, f) in values.iter_mut().zip(&*pass.scratch.values) {
+                *value = f64::from(*f);
+            }
+            if let Some(gradients) = &mut self.gradients {
+                pass.scratch.values.fill(1.0);
+                pass.backward::<N>(0);
+                pass.point_gradient::<N>(0, slopes);
+                for (i, gradient) in gradients[chunk * length..]
+                    .iter_mut()
+                    .take(points.len())
+                    .enumerate()
+                {
+                    *gradient = [0, 1, 2].map(|axis| f64::from(slopes[axis * length + i]));
+                }
+            }
+        }
+    }
+}

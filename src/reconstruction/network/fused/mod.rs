@@ -1,0 +1,253 @@
+//! The fast engine: loss and gradient in one pass over cache-sized tiles of points, in f32.
+//!
+//! A block of points goes through all layers forward and back while its activations are in the
+//! cache; the weight gradients follow tile by tile, with their sums in registers. The vectors run
+//! along the points, so that any width works. The same code is compiled for AVX-512, AVX2 with FMA,
+//! NEON and plain arithmetic, and the best that the processor has is chosen when it runs
+//! ([`pulp`]).
+//!
+//! # Determinism
+//! Tiles depend on the number of samples only, and their sums are added in order: the bits are the
+//! same for any number of threads. Another instruction set rounds differently.
+
+#![expect(
+    clippy::inline_always,
+    reason = "code compiles for an instruction set only inside the function that enables it"
+)]
+
+mod aligned;
+mod batch;
+mod field;
+mod panels;
+mod pass;
+mod pool;
+mod products;
+mod unit;
+
+use std::ops::Range;
+
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+
+use super::{Architecture, Engine};
+use crate::reconstruction::error::Error;
+use crate::reconstruction::sampling::Samples;
+use crate::reconstruction::surface::Field;
+use batch::Batch;
+use field::FusedField;
+use panels::affine_maps;
+use pass::{Network, Pass, Rule, Scratch, block_vectors, rules};
+use pool::Pool;
+
+/// A network and its samples in blocks of points.
+#[derive(Debug)]
+pub struct Fused {
+    arch: Arch,
+    architecture: Architecture,
+    rules: Vec<Rule>,
+    training: Batch,
+    validation: Batch,
+    scratch: Pool<Scratch>,
+}
+
+impl Fused {
+    /// Whether there is this engine for the architecture: for every scheme but `highway`.
+    pub fn supports(architecture: &Architecture) -> bool {
+        rules(architecture).is_some()
+    }
+
+    /// An engine over these samples for the processor at hand; `None` where it does not support the
+    /// architecture. Without validation samples there is no validation loss.
+    pub fn new(
+        architecture: Architecture,
+        training: &Samples,
+        validation: &Samples,
+    ) -> Option<Self> {
+        Self::on(Arch::new(), architecture, training, validation)
+    }
+
+    /// The same for one of the [`instruction_sets`].
+    pub fn on(
+        arch: Arch,
+        architecture: Architecture,
+        training: &Samples,
+        validation: &Samples,
+    ) -> Option<Self> {
+        let rules = rules(&architecture)?;
+        let block_points = block_points(arch);
+        Some(Self {
+            arch,
+            architecture,
+            rules,
+            training: Batch::new(training, block_points),
+            validation: Batch::new(validation, block_points),
+            scratch: Pool::new(),
+        })
+    }
+
+    fn network(&self, parameters: &[f32]) -> Network<'_> {
+        Network {
+            rules: &self.rules,
+            maps: affine_maps(&self.architecture, parameters),
+        }
+    }
+
+    /// Loss over a batch, and the gradient where there is room for it.
+    fn evaluate(&self, parameters: &[f32], batch: &Batch, gradient: Option<&mut [f32]>) -> f64 {
+        // Where vectors have no NaN of their own to pass on, the clamp of tanh would hide one.
+        if !parameters.iter().all(|p| p.is_finite()) {
+            gradient.into_iter().flatten().for_each(|g| *g = f32::NAN);
+            return f64::NAN;
+        }
+        let network = self.network(parameters);
+        let block_points = block_points(self.arch);
+        let points = self
+            .training
+            .tile_points()
+            .max(self.validation.tile_points());
+        let scratch = || Scratch::new(&self.rules, self.architecture.width, points, block_points);
+        let length = if gradient.is_some() {
+            parameters.len()
+        } else {
+            0
+        };
+        let tiles: Vec<(f64, Vec<f32>)> = batch
+            .tiles()
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|blocks| {
+                let mut gradient = vec![0.0; length];
+                let loss = self.scratch.with(scratch, |scratch| {
+                    self.arch.dispatch(Tile {
+                        network: &network,
+                        batch,
+                        blocks,
+                        scratch,
+                        gradient: &mut gradient,
+                    })
+                });
+                (loss, gradient)
+            })
+            .collect();
+        for (i, sum) in gradient.into_iter().flatten().enumerate() {
+            *sum = tiles
+                .iter()
+                .map(|(_, part)| f64::from(part[i]))
+                .sum::<f64>() as f32;
+        }
+        tiles.iter().map(|(loss, _)| loss).sum()
+    }
+}
+
+/// What the processor at hand can run, the best one first.
+pub fn instruction_sets() -> Vec<Arch> {
+    #[cfg(target_arch = "x86_64")]
+    let narrower = pulp::x86::V3::try_new().map(Arch::V3);
+    #[cfg(not(target_arch = "x86_64"))]
+    let narrower = None;
+    let mut all = vec![Arch::new()];
+    all.extend(narrower);
+    all.push(Arch::Scalar);
+    all.dedup_by_key(|arch| std::mem::discriminant(arch));
+    all
+}
+
+impl Engine<f32> for Fused {
+    fn name(&self) -> &'static str {
+        "fused"
+    }
+
+    fn architecture(&self) -> &Architecture {
+        &self.architecture
+    }
+
+    fn training_samples(&self) -> usize {
+        self.training.count
+    }
+
+    fn validation_samples(&self) -> usize {
+        self.validation.count
+    }
+
+    fn loss_and_gradient(&self, parameters: &[f32], gradient: &mut [f32]) -> Result<f64, Error> {
+        Ok(self.evaluate(parameters, &self.training, Some(gradient)))
+    }
+
+    fn validation_loss(&self, parameters: &[f32]) -> Result<Option<f64>, Error> {
+        let wanted = self.validation.count > 0;
+        Ok(wanted.then(|| self.evaluate(parameters, &self.validation, None)))
+    }
+
+    fn field(&self, parameters: &[f32]) -> Result<Box<dyn Field + '_>, Error> {
+        Ok(Box::new(FusedField::new(
+            self.arch,
+            self.network(parameters),
+        )))
+    }
+}
+
+/// Points of a block on this instruction set.
+fn block_points(arch: Arch) -> usize {
+    struct BlockPoints;
+    impl WithSimd for BlockPoints {
+        type Output = usize;
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) -> usize {
+            S::F32_LANES * block_vectors::<S>()
+        }
+    }
+    arch.dispatch(BlockPoints)
+}
+
+/// The part of some blocks in the loss, and in its gradient unless that has no room.
+struct Tile<'a> {
+    network: &'a Network<'a>,
+    batch: &'a Batch,
+    blocks: Range<usize>,
+    scratch: &'a mut Scratch,
+    gradient: &'a mut [f32],
+}
+
+impl WithSimd for Tile<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        match block_vectors::<S>() {
+            4 => self.run::<S, 4>(simd),
+            _ => self.run::<S, 2>(simd),
+        }
+    }
+}
+
+impl Tile<'_> {
+    #[inline(always)]
+    fn run<S: Simd, const N: usize>(self, simd: S) -> f64 {
+        let mut pass = Pass {
+            simd,
+            network: self.network,
+            scratch: self.scratch,
+        };
+        let count = self.batch.count as f64;
+        let scale = (2.0 / count) as f32;
+        let mut sum = 0.0;
+        for (slot, block) in self.blocks.clone().enumerate() {
+            pass.forward::<N>(slot, self.batch.points(block..block + 1));
+            let (targets, weights) = self.batch.targets_and_weights(block);
+            let values = pass.scratch.values[slot * targets.len()..].iter_mut();
+            for ((f, target), weight) in values.zip(targets).zip(weights) {
+                let residual = *f - target;
+                let weighted = weight * residual;
+                sum += f64::from(weighted) * f64::from(residual);
+                *f = scale * weighted;
+            }
+            if !self.gradient.is_empty() {
+                pass.backward::<N>(slot);
+            }
+        }
+        if !self.gradient.is_empty() {
+            pass.weight_gradients::<N>(self.batch.points(self.blocks), self.gradient);
+        }
+        sum / count
+    }
+}
