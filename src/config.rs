@@ -8,9 +8,14 @@ use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use clap::builder::Resettable;
+use clap::error::{ContextKind, ContextValue};
 use clap::{Args, Command};
 use serde::Serialize;
 use thiserror::Error;
+use toml::de::{DeTable, DeValue};
+
+use crate::nearest::did_you_mean;
 
 const MIB: u64 = 1024 * 1024;
 
@@ -174,16 +179,18 @@ impl Config {
 /// Why a configuration file is refused.
 #[derive(Debug, Error)]
 pub enum FileError {
-    /// Not TOML, or not flat.
+    /// Not TOML.
     #[error("{0}")]
-    Syntax(String),
-    /// A key that no setting has.
-    #[error("{key} is unknown; known are: {known}")]
-    Unknown {
+    Syntax(#[from] toml::de::Error),
+    /// A key that no setting has, or a value that its setting does not take.
+    #[error("line {line}: {key} {detail}")]
+    Setting {
+        /// Line of the file, from 1.
+        line: usize,
         /// The key.
         key: String,
-        /// All keys.
-        known: String,
+        /// What is wrong with it, and what is allowed.
+        detail: String,
     },
 }
 
@@ -193,38 +200,58 @@ pub enum FileError {
 /// # Errors
 /// [`FileError`] for text that is no flat TOML, and for unknown keys.
 pub fn file_arguments(text: &str, command: &Command) -> Result<Vec<OsString>, FileError> {
-    let table: toml::Table = text
-        .parse()
-        .map_err(|error: toml::de::Error| FileError::Syntax(error.to_string()))?;
+    let table = DeTable::parse(text)?;
+    // What the environment says is not the file's fault.
+    let alone = command
+        .clone()
+        .no_binary_name(true)
+        .mut_args(|argument| argument.env(Resettable::Reset));
     let mut arguments = Vec::new();
-    for (key, value) in table {
+    for (key, value) in table.get_ref() {
+        let line = 1 + text[..key.span().start].matches('\n').count();
+        let key = key.get_ref().as_ref();
+        let wrong = |detail: String| FileError::Setting {
+            line,
+            key: key.to_owned(),
+            detail,
+        };
         let known = || command.get_arguments().filter(|a| a.get_env().is_some());
         let Some(argument) = known().find(|a| a.get_id().as_str() == key) else {
             let known: Vec<_> = known().map(|a| a.get_id().as_str()).collect();
-            return Err(FileError::Unknown {
-                key,
-                known: known.join(", "),
-            });
+            let meant = did_you_mean(key, known.iter().copied());
+            let known = known.join(", ");
+            return Err(wrong(format!("is unknown; known are: {known}{meant}")));
         };
-        let value = match value {
-            toml::Value::String(text) => text,
-            toml::Value::Integer(_) | toml::Value::Boolean(_) | toml::Value::Float(_) => {
-                value.to_string()
-            }
-            _ => {
-                return Err(FileError::Syntax(format!(
-                    "{key}: must be a string or a number"
-                )));
-            }
+        let value = match value.get_ref() {
+            DeValue::String(text) => text.clone().into_owned(),
+            DeValue::Integer(number) => number.to_string(),
+            DeValue::Float(number) => number.to_string(),
+            DeValue::Boolean(switch) => switch.to_string(),
+            _ => return Err(wrong("must be a string, a number or a boolean".to_owned())),
         };
+        let flag = format!("--{}={value}", key.replace('_', "-"));
+        if let Err(error) = alone.clone().try_get_matches_from([&flag]) {
+            return Err(wrong(format!("is {value:?}: {}", reason(&error))));
+        }
         let in_environment = argument
             .get_env()
             .is_some_and(|name| std::env::var_os(name).is_some());
         if !in_environment {
-            arguments.push(format!("--{}={value}", key.replace('_', "-")).into());
+            arguments.push(flag.into());
         }
     }
     Ok(arguments)
+}
+
+/// Why a value is refused, without what is said about flags.
+fn reason(error: &clap::Error) -> String {
+    let allowed = match error.get(ContextKind::ValidValue) {
+        Some(ContextValue::Strings(names)) => Some(format!("must be one of {}", names.join(", "))),
+        _ => None,
+    };
+    let source = || std::error::Error::source(error).map(ToString::to_string);
+    let reason = allowed.or_else(source);
+    reason.unwrap_or_else(|| error.kind().to_string())
 }
 
 #[cfg(test)]
@@ -269,15 +296,41 @@ mod tests {
     }
 
     #[test]
-    fn unknown_keys_are_refused_by_name() {
+    fn what_is_wrong_in_the_file_is_told_with_its_line() {
         let command = <Program as clap::CommandFactory>::command();
-        let error = file_arguments("worker = 3", &command)
-            .unwrap_err()
-            .to_string();
-        assert!(
-            error.contains("worker is unknown") && error.contains("workers"),
-            "{error}"
-        );
+        for (wrong, said) in [
+            ("worker = 3", "worker is unknown; known are: listen, "),
+            ("worker = 3", "; did you mean workers?"),
+            (
+                "workers = \"many\"",
+                "workers is \"many\": invalid digit found in string",
+            ),
+            ("workers = 300", "workers is \"300\": 300 is not in 1..=256"),
+            ("workers = 1.5", "workers is \"1.5\": "),
+            (
+                "workers = [1]",
+                "workers must be a string, a number or a boolean",
+            ),
+            (
+                "log_format = \"xml\"",
+                "log_format is \"xml\": must be one of text, json",
+            ),
+            (
+                "listen = \"here\"",
+                "listen is \"here\": invalid socket address syntax",
+            ),
+            (
+                "allow_unauthenticated = 7",
+                "allow_unauthenticated is \"7\": ",
+            ),
+        ] {
+            let file = format!("# servers\nqueue_limit = 7\n{wrong}\n");
+            let error = file_arguments(&file, &command).unwrap_err().to_string();
+            assert!(error.starts_with("line 3: "), "{wrong}: {error}");
+            assert!(error.contains(said), "{wrong}: {error}");
+        }
+        let error = file_arguments("workers = \n", &command).unwrap_err();
+        assert!(error.to_string().contains("line 1"), "{error}");
     }
 
     #[test]

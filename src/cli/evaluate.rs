@@ -16,9 +16,10 @@ use crate::reconstruction::surface::{Request, extract};
 /// Arguments of `meshway evaluate`.
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// The mesh: PLY, OBJ, OFF or STL, also gzipped.
+    /// The mesh: PLY, OBJ, OFF, STL, or GLB as `reconstruct` writes it; also gzipped.
     mesh: PathBuf,
-    /// What to compare it with: a mesh, a point cloud, or a shape such as sphere:1.
+    /// What to compare it with: a mesh, a point cloud, or a shape (sphere[:RADIUS],
+    /// torus[:MAJOR:MINOR], hand, uterus, abdomen).
     reference: Option<String>,
     /// Seed of the points that are drawn from the surfaces.
     #[arg(long, default_value_t = 1)]
@@ -64,9 +65,10 @@ fn compare(mesh: &TriangleMesh, reference: &str, arguments: &Arguments) -> Resul
     let path = Path::new(reference);
     let seed = arguments.seed;
     let no_area = || Failure::input(&arguments.mesh, "has no area, so no distances");
-    if !path.exists()
-        && let Ok(shape) = reference.parse::<Shape>()
-    {
+    if !path.exists() {
+        let shape: Shape = reference
+            .parse()
+            .map_err(|error| Failure::input(path, format!("there is no such file; {error}")))?;
         let truth = shape_mesh(&shape)?;
         return json(&compare_meshes(mesh, &truth, seed).ok_or_else(no_area)?);
     }

@@ -11,7 +11,7 @@ use super::AppState;
 use super::cloud_files;
 use super::download::{Content, Download};
 use super::error::{ApiError, Code, Result};
-use super::extract::{Id, Query};
+use super::extract::{Id, NoQuery, Query};
 use super::idempotency::{self, Begun};
 use super::page::{Page, PageOf};
 use super::time::rfc3339;
@@ -21,10 +21,9 @@ use crate::jobs::{Cloud, CloudDeletion, CloudId};
 /// `POST /v1/clouds`: 201, or 200 when the same bytes are here already.
 pub(super) async fn create(
     State(app): State<AppState>,
-    query: Query,
+    _: NoQuery,
     request: Request,
 ) -> Result<Response> {
-    query.finish()?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
     key.admit(&app).await?;
     let Payload::File(upload, None) = receive(&app, request).await? else {
@@ -70,13 +69,18 @@ pub(super) async fn list(
 }
 
 /// `GET /v1/clouds/{id}`.
-pub(super) async fn show(State(app): State<AppState>, Id(id): Id<CloudId>) -> Result<Json<Value>> {
+pub(super) async fn show(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Id(id): Id<CloudId>,
+) -> Result<Json<Value>> {
     Ok(Json(represent(&find(&app, &id).await?)))
 }
 
 /// `GET /v1/clouds/{id}/content`: the bytes as they were uploaded.
 pub(super) async fn content(
     State(app): State<AppState>,
+    _: NoQuery,
     Id(id): Id<CloudId>,
     headers: HeaderMap,
 ) -> Result<Response> {
@@ -96,7 +100,11 @@ pub(super) async fn content(
 }
 
 /// `DELETE /v1/clouds/{id}`.
-pub(super) async fn erase(State(app): State<AppState>, Id(id): Id<CloudId>) -> Result<StatusCode> {
+pub(super) async fn erase(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Id(id): Id<CloudId>,
+) -> Result<StatusCode> {
     match cloud_files::erase(&app, &id).await? {
         CloudDeletion::Deleted(_) => Ok(StatusCode::NO_CONTENT),
         CloudDeletion::InUse => Err(ApiError::new(
@@ -104,13 +112,24 @@ pub(super) async fn erase(State(app): State<AppState>, Id(id): Id<CloudId>) -> R
             "a job that waits or runs needs the cloud; cancel the job first",
         )
         .retry_after(10)),
-        CloudDeletion::Missing => Err(ApiError::not_found("cloud")),
+        CloudDeletion::Missing => Err(absent(&app, &id).await),
     }
 }
 
 async fn find(app: &AppState, id: &CloudId) -> Result<Cloud> {
-    let cloud = app.store.cloud(id).await?;
-    cloud.ok_or_else(|| ApiError::not_found("cloud"))
+    match app.store.cloud(id).await? {
+        Some(cloud) => Ok(cloud),
+        None => Err(absent(app, id).await),
+    }
+}
+
+/// Why there is no such cloud: it was erased, or never here.
+async fn absent(app: &AppState, id: &CloudId) -> ApiError {
+    match app.store.cloud_tombstone(id).await {
+        Ok(Some(tombstone)) => ApiError::gone("cloud", &tombstone),
+        Ok(None) => ApiError::not_found("cloud"),
+        Err(error) => error.into(),
+    }
 }
 
 /// A cloud as JSON: its columns, and what its reading found.

@@ -52,12 +52,14 @@ catalogue! {
     MalformedMultipart "malformed_multipart" 400 false "The body is not a usable multipart form.";
     BadHeader "bad_header" 400 false "A header cannot be understood.";
     BadCursor "bad_cursor" 400 false "The cursor is none of ours.";
+    BodyBrokenOff "body_broken_off" 400 true "The body broke off.";
     CrossOriginRefused "cross_origin_refused" 403 false "A page of another site sent the request.";
     NotFound "not_found" 404 false "There is nothing here.";
     MethodNotAllowed "method_not_allowed" 405 false "This method is not for this resource.";
     NotAcceptable "not_acceptable" 406 false "None of the accepted media types can be given.";
     UploadTimeout "upload_timeout" 408 true "The upload stood still for too long.";
     ResultNotReady "result_not_ready" 409 true "The job has not ended.";
+    ModelUnreadable "model_unreadable" 409 false "The network cannot be read by this version.";
     CloudInUse "cloud_in_use" 409 true "A job that has not ended needs the cloud.";
     IdempotencyInFlight "idempotency_in_flight" 409 true "The first request with this key is being worked on.";
     Gone "gone" 410 false "It was erased.";
@@ -157,12 +159,15 @@ impl ApiError {
         )
     }
 
-    /// What stays of an erased job.
-    pub fn gone(tombstone: &Tombstone) -> Self {
+    /// What stays of something erased.
+    pub fn gone(what: &str, tombstone: &Tombstone) -> Self {
         let deleted_at = super::time::rfc3339(tombstone.deleted_at);
         Self::new(
             Code::Gone,
-            format!("the job was erased at {deleted_at} ({})", tombstone.reason),
+            format!(
+                "the {what} was erased at {deleted_at} ({})",
+                tombstone.reason
+            ),
         )
         .with("deleted_at", json!(deleted_at))
         .with("reason", json!(tombstone.reason))

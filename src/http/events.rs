@@ -34,7 +34,7 @@ const SILENCE: Duration = Duration::from_secs(15);
 const PAGE: u32 = 100;
 
 /// Most events of a JSON page.
-const MAX_LIMIT: u32 = 1_000;
+pub(super) const MAX_LIMIT: u32 = 1_000;
 
 /// GET /v1/jobs/{id}/events
 pub(super) async fn of_job(

@@ -1,16 +1,15 @@
 //! The trained field at points of the client: for slices and distances.
 
 use axum::Json;
-use axum::body::{Body, to_bytes};
-use axum::extract::State;
+use axum::extract::{Request, State};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
 
 use super::AppState;
 use super::error::{ApiError, Code, Result};
-use super::extract::{Id, Members, Query, json};
-use super::results::succeeded;
-use crate::jobs::JobId;
+use super::extract::{Members, NoQuery, json};
+use super::results::Succeeded;
+use super::upload;
 use crate::reconstruction::network::Model;
 use crate::reconstruction::surface::Field;
 use crate::reconstruction::vector::{Vec3, scale};
@@ -19,7 +18,7 @@ use crate::reconstruction::vector::{Vec3, scale};
 pub(super) const MAX_POINTS: usize = 100_000;
 
 /// Largest body: [`MAX_POINTS`] of three numbers written out in full, with room for blanks.
-const MAX_BODY_BYTES: usize = 16 << 20;
+pub(super) const MAX_BODY_BYTES: usize = 16 << 20;
 
 /// Most multiplications of a request: about ten seconds of one core.
 const MAX_WORK: usize = 10_000_000_000;
@@ -30,15 +29,11 @@ const MAX_WORK: usize = 10_000_000_000;
 /// `Idempotency-Key` to remember.
 pub(super) async fn evaluate(
     State(app): State<AppState>,
-    Id(id): Id<JobId>,
-    query: Query,
-    body: Body,
+    _: NoQuery,
+    Succeeded(job): Succeeded,
+    request: Request,
 ) -> Result<Response> {
-    query.finish()?;
-    let body = to_bytes(body, MAX_BODY_BYTES).await.map_err(|_| {
-        let detail = format!("at most {MAX_BODY_BYTES} bytes are read");
-        ApiError::new(Code::BodyTooLarge, detail)
-    })?;
+    let body = upload::json(&app, request, MAX_BODY_BYTES).await?;
     let mut members = Members::of(&body)?;
     let points = members.required("points", |value| {
         let points: Vec<Vec3> = json(value)?;
@@ -50,8 +45,7 @@ pub(super) async fn evaluate(
     let with_gradients = members.take("gradients", json::<bool>).unwrap_or(false);
     members.finish()?;
     let points = points.unwrap_or_default();
-    succeeded(app.store.job(&id).await?)?;
-    let model = app.store.model(&id).await?;
+    let model = app.store.model(&job.id).await?;
     let (model, _) = model.ok_or_else(|| ApiError::not_found("model"))?;
     let _turn = app
         .evaluations
@@ -64,7 +58,11 @@ pub(super) async fn evaluate(
 }
 
 fn answer(model: &[u8], mut points: Vec<Vec3>, with_gradients: bool) -> Result<Value> {
-    let model = Model::decode(model).map_err(ApiError::internal)?;
+    let unreadable = |error: &dyn std::fmt::Display| {
+        let detail = format!("{error}; retry the job for a network that can be read");
+        ApiError::new(Code::ModelUnreadable, detail)
+    };
+    let model = Model::decode(model).map_err(|error| unreadable(&error))?;
     let lanes = if with_gradients { 4 } else { 1 };
     let most = MAX_WORK / (lanes * model.parameters.len()).max(1);
     if points.len() > most {
@@ -72,7 +70,7 @@ fn answer(model: &[u8], mut points: Vec<Vec3>, with_gradients: bool) -> Result<V
         return Err(ApiError::fault(Code::RequestInvalid, "/points", detail));
     }
     let Some(network) = model.network() else {
-        return Err(ApiError::internal("a model has too few parameters"));
+        return Err(unreadable(&"the model has too few parameters"));
     };
     for point in &mut points {
         *point = model.frame.to_unit(*point);

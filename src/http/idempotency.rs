@@ -21,13 +21,13 @@ pub(super) const KEY: HeaderName = HeaderName::from_static("idempotency-key");
 const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 
 /// Longest key.
-const MAX_KEY_LENGTH: usize = 255;
+pub(super) const MAX_KEY_LENGTH: usize = 255;
 
 /// Headers that belong to an answer and are given again.
 const KEPT_HEADERS: [&str; 5] = ["content-type", "location", "etag", "retry-after", "link"];
 
 /// How long an answer is kept, in milliseconds.
-const KEPT_MS: i64 = 24 * 60 * 60 * 1_000;
+pub(super) const KEPT_MS: i64 = 24 * 60 * 60 * 1_000;
 
 /// How often old answers are forgotten.
 const TIDY_EVERY: Duration = Duration::from_mins(10);
@@ -114,7 +114,7 @@ impl Request {
                 scope: self.scope,
             })))),
             IdempotencyState::Replay(stored) => replay(stored).map(Begun::Replay),
-            IdempotencyState::Gone(tombstone) => Err(ApiError::gone(&tombstone)),
+            IdempotencyState::Gone(tombstone) => Err(ApiError::gone("job", &tombstone)),
             IdempotencyState::InFlight => Err(ApiError::new(
                 Code::IdempotencyInFlight,
                 "the first request with this Idempotency-Key is being worked on",

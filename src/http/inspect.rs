@@ -134,7 +134,7 @@ pub fn limits(max_points: u64, max_bytes: u64) -> cloud::Limits {
     cloud::Limits {
         max_points: max_points as usize,
         max_expanded_bytes: max_bytes as usize,
-        ..cloud::Limits::default()
+        max_expansion: MAX_EXPANSION as f64,
     }
 }
 

@@ -19,7 +19,7 @@ pub(super) const PREFERENCE_APPLIED: HeaderName = HeaderName::from_static("prefe
 pub(super) fn represent(job: &Job, queue_position: Option<u64>) -> Value {
     let url = url(job);
     let time = |time: Option<i64>| time.map(rfc3339);
-    json!({
+    let mut document = json!({
         "id": job.id,
         "status": job.status,
         "phase": job.phase,
@@ -43,7 +43,6 @@ pub(super) fn represent(job: &Job, queue_position: Option<u64>) -> Value {
         "error": job.error.as_ref().map(problem_of),
         "links": {
             "self": url,
-            "cloud": format!("/v1/clouds/{}", job.cloud_id),
             "cancel": format!("{url}/cancel"),
             "retry": format!("{url}/retry"),
             "events": format!("{url}/events"),
@@ -55,7 +54,11 @@ pub(super) fn represent(job: &Job, queue_position: Option<u64>) -> Value {
             "model": format!("{url}/model"),
             "field": format!("{url}/field"),
         },
-    })
+    });
+    if !job.cloud_erased {
+        document["links"]["cloud"] = format!("/v1/clouds/{}", job.cloud_id).into();
+    }
+    document
 }
 
 /// Address of a job.

@@ -14,10 +14,10 @@ use crate::reconstruction::settings::{self, OffSurface};
 use crate::reconstruction::{Preset, Settings};
 
 /// Most labels of a job.
-const MAX_LABELS: usize = 16;
+pub(super) const MAX_LABELS: usize = 16;
 
 /// Most characters of a label's key and of its value.
-const MAX_LABEL_LENGTH: usize = 64;
+pub(super) const MAX_LABEL_LENGTH: usize = 64;
 
 /// Memory of a worker besides its grid: program, libtorch, cloud.
 const WORKER_BASE_BYTES: u64 = 256 << 20;
@@ -97,8 +97,7 @@ impl JobRequest {
     /// # Errors
     /// [`Code::SettingsConflict`] for labels that are asked for and not there, and
     /// [`Code::GridTooLarge`].
-    pub(super) fn check(&self, config: &Config, cloud: Option<&Cloud>) -> Result<()> {
-        let labels = cloud.and_then(labels_of);
+    pub(super) fn check(&self, config: &Config, labels: Option<Labels>) -> Result<()> {
         if self.settings.sampling.off_surface == OffSurface::Labels
             && labels.is_some_and(|labels| labels.interior + labels.exterior == 0)
         {
@@ -110,8 +109,7 @@ impl JobRequest {
                 .into());
         }
         let grid_bytes = Estimate::grid_bytes(&self.settings);
-        let limit = config.worker_memory_bytes();
-        match limit.map(|limit| limit.saturating_sub(WORKER_BASE_BYTES)) {
+        match grid_limit_bytes(config) {
             Some(limit) if grid_bytes > limit => {
                 let asked = self.settings.surface.resolution;
                 Err(ApiError::fault(
@@ -137,6 +135,12 @@ impl JobRequest {
             derived_from: self.derived_from,
         }
     }
+}
+
+/// Most memory of a grid; `None`: no limit.
+pub(super) fn grid_limit_bytes(config: &Config) -> Option<u64> {
+    let limit = config.worker_memory_bytes()?;
+    Some(limit.saturating_sub(WORKER_BASE_BYTES))
 }
 
 /// Number of points by label, from what the upload found.

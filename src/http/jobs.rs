@@ -11,18 +11,17 @@ use super::AppState;
 use super::cloud_files;
 use super::error::{ApiError, Code, Result};
 use super::estimate::Estimate;
-use super::extract::{Id, Members, Query, switch, text};
+use super::extract::{Id, Members, NoQuery, Query, switch, text};
 use super::idempotency::{self, Attempt, Begun, kept_headers};
-use super::inspect::Labels;
+use super::inspect::{self, Labels};
 use super::job_json::{answer, poll, represent};
 use super::job_request::{JobRequest, labels_of, preset_named};
 use super::page::{Page, PageOf};
+use super::results::{Found, found};
 use super::time;
-use super::upload::{self, Payload, Upload, receive};
+use super::upload::{self, JSON_LIMIT, Payload, Upload, receive};
 use super::wait::Wish;
-use crate::jobs::{
-    Cloud, CloudId, Error, Job, JobFilter, JobId, Lookup, NewJob, Status, StoredResponse,
-};
+use crate::jobs::{Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse};
 
 /// `POST /v1/jobs`: for a cloud that is here, or with the cloud itself.
 pub(super) async fn create(
@@ -56,7 +55,7 @@ pub(super) async fn create(
         Begun::New(attempt) => attempt,
     };
     if dry_run {
-        let response = estimate(&app, &asked).await?;
+        let response = estimate(&app, &asked, upload.as_ref()).await?;
         return attempt.keep(response, None).await;
     }
     let cloud = match (upload, &asked.cloud_id) {
@@ -64,7 +63,7 @@ pub(super) async fn create(
         (None, Some(id)) => find_cloud(&app, id).await?,
         (None, None) => return Err(ApiError::internal("a job without a cloud was let in")),
     };
-    asked.check(&app.config, Some(&cloud))?;
+    asked.check(&app.config, labels_of(&cloud))?;
     let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
     wish.answer(&app, job).await
 }
@@ -95,11 +94,11 @@ pub(super) async fn list(
     };
     query.finish()?;
     let page = page?;
-    let found = app
+    let listed = app
         .store
         .list_jobs(&filter, page.before.as_ref(), page.limit + 1)
         .await?;
-    let PageOf { items, next } = page.cut(found, |job| job.id.as_str());
+    let PageOf { items, next } = page.cut(listed, |job| job.id.as_str());
     let mut shown = Vec::with_capacity(items.len());
     for job in &items {
         shown.push(represent(job, position(&app, job).await?));
@@ -114,28 +113,29 @@ pub(super) async fn list(
 /// `GET /v1/jobs/{id}`: made to be polled.
 pub(super) async fn show(
     State(app): State<AppState>,
-    Id(id): Id<JobId>,
+    _: NoQuery,
+    Found(job): Found,
     headers: HeaderMap,
 ) -> Result<Response> {
-    let job = find(app.store.job(&id).await?)?;
     poll(&headers, &job, position(&app, &job).await?)
 }
 
 /// `POST /v1/jobs/{id}/cancel`: whatever came first, the answer is the true state.
 pub(super) async fn cancel(
     State(app): State<AppState>,
+    _: NoQuery,
     Id(id): Id<JobId>,
     request: Request,
 ) -> Result<Response> {
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
-    let body = upload::json(&app, request).await?;
+    let body = upload::json(&app, request, JSON_LIMIT).await?;
     key.content(&body);
     members_of(Some(&body))?.finish()?;
     let attempt = match key.begin(&app).await? {
         Begun::Replay(response) => return Ok(response),
         Begun::New(attempt) => attempt,
     };
-    let job = find(app.store.request_cancel(&id).await?)?;
+    let job = found(app.store.request_cancel(&id).await?)?;
     let response = answer(StatusCode::OK, &job, None);
     attempt.keep(response, Some(&job.id)).await
 }
@@ -143,22 +143,21 @@ pub(super) async fn cancel(
 /// `POST /v1/jobs/{id}/retry`: a new job from one that has ended.
 pub(super) async fn retry(
     State(app): State<AppState>,
+    _: NoQuery,
     Id(id): Id<JobId>,
-    query: Query,
     request: Request,
 ) -> Result<Response> {
-    query.finish()?;
     let wish = Wish::of(request.headers())?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
     key.admit(&app).await?;
-    let body = upload::json(&app, request).await?;
+    let body = upload::json(&app, request, JSON_LIMIT).await?;
     key.content(&body);
     let members = members_of(Some(&body))?;
     let attempt = match key.begin(&app).await? {
         Begun::Replay(response) => return Ok(response),
         Begun::New(attempt) => attempt,
     };
-    let job = find(app.store.job(&id).await?)?;
+    let job = found(app.store.job(&id).await?)?;
     if !job.status.is_final() {
         let detail = format!(
             "the job is {}; it can be tried again when it has ended",
@@ -168,14 +167,18 @@ pub(super) async fn retry(
     }
     let asked = JobRequest::again(&job, members)?;
     let cloud = find_cloud(&app, &job.cloud_id).await?;
-    asked.check(&app.config, Some(&cloud))?;
+    asked.check(&app.config, labels_of(&cloud))?;
     let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
     wish.answer(&app, job).await
 }
 
 /// `DELETE /v1/jobs/{id}`: with all its results, in any state.
-pub(super) async fn erase(State(app): State<AppState>, Id(id): Id<JobId>) -> Result<StatusCode> {
-    find(app.store.delete_job(&id, "deleted").await?)?;
+pub(super) async fn erase(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Id(id): Id<JobId>,
+) -> Result<StatusCode> {
+    found(app.store.delete_job(&id, "deleted").await?)?;
     app.feed.erased(id);
     Ok(StatusCode::NO_CONTENT)
 }
@@ -197,18 +200,19 @@ async fn submit(app: &AppState, new: NewJob, attempt: Attempt) -> Result<Job> {
 }
 
 /// The answer to a dry run: what would be done, and what it would cost.
-async fn estimate(app: &AppState, asked: &JobRequest) -> Result<Response> {
-    let cloud = match &asked.cloud_id {
-        Some(id) => Some(find_cloud(app, id).await?),
-        None => None,
+async fn estimate(app: &AppState, asked: &JobRequest, upload: Option<&Upload>) -> Result<Response> {
+    let labels = match (upload, &asked.cloud_id) {
+        (Some(upload), _) => Some(inspect::read(app, upload).await?.labels),
+        (None, Some(id)) => labels_of(&find_cloud(app, id).await?),
+        (None, None) => None,
     };
-    asked.check(&app.config, cloud.as_ref())?;
+    asked.check(&app.config, labels)?;
     let budget = Labels {
         surface: asked.settings.sampling.surface_points as u64,
         interior: 0,
         exterior: 0,
     };
-    let labels = cloud.as_ref().and_then(labels_of).unwrap_or(budget);
+    let labels = labels.unwrap_or(budget);
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = app.config.worker_threads(cores);
     Ok(Json(json!({
@@ -221,13 +225,12 @@ async fn estimate(app: &AppState, asked: &JobRequest) -> Result<Response> {
     .into_response())
 }
 
-/// A request names its cloud or brings it along, and a dry run brings none.
+/// A request names its cloud or brings it along; a dry run may go without.
 fn check_one_cloud(asked: &JobRequest, upload: Option<&Upload>, dry_run: bool) -> Result<()> {
     let refuse = |pointer, detail| Err(ApiError::fault(Code::RequestInvalid, pointer, detail));
     match (&asked.cloud_id, upload) {
         (Some(_), Some(_)) => refuse("/cloud_id", "is given, but a cloud was sent too"),
         (None, None) if !dry_run => refuse("/cloud_id", "is missing"),
-        (_, Some(_)) if dry_run => refuse("/dry_run", "takes a JSON body; upload the cloud first"),
         _ => Ok(()),
     }
 }
@@ -250,13 +253,5 @@ async fn position(app: &AppState, job: &Job) -> Result<Option<u64>> {
         Ok(app.store.queue_position(&job.id).await?)
     } else {
         Ok(None)
-    }
-}
-
-fn find(lookup: Lookup) -> Result<Job> {
-    match lookup {
-        Lookup::Found(job) => Ok(*job),
-        Lookup::Gone(tombstone) => Err(ApiError::gone(&tombstone)),
-        Lookup::Missing => Err(ApiError::not_found("job")),
     }
 }

@@ -10,10 +10,10 @@ use super::AppState;
 use super::accept::preferred;
 use super::download::{Content, Download};
 use super::error::{ApiError, Code, Result};
-use super::extract::{Id, Query};
-use super::results::{found, succeeded};
+use super::extract::NoQuery;
+use super::results::{Found, Succeeded};
 use super::time::rfc3339;
-use crate::jobs::{Job, JobId, MeshInfo};
+use crate::jobs::{Job, MeshInfo};
 use crate::reconstruction::mesh::write::Format;
 
 /// What a mesh may be asked for by `Accept`; the first one is given when all are the same to the
@@ -40,12 +40,10 @@ const ENDINGS: [(&str, Format); 5] = [
 /// GET /v1/jobs/{id}/mesh
 pub(super) async fn negotiated(
     State(app): State<AppState>,
-    Id(id): Id<JobId>,
-    query: Query,
+    _: NoQuery,
+    Succeeded(job): Succeeded,
     headers: HeaderMap,
 ) -> Result<Response> {
-    query.finish()?;
-    let job = succeeded(app.store.job(&id).await?)?;
     respond(&app, &job, 0, accepted(&headers)?, &headers)
         .await
         .map(varies)
@@ -54,27 +52,23 @@ pub(super) async fn negotiated(
 /// GET /v1/jobs/{id}/mesh.{format}
 pub(super) async fn result(
     State(app): State<AppState>,
-    Id(id): Id<JobId>,
+    _: NoQuery,
+    Succeeded(job): Succeeded,
     uri: Uri,
-    query: Query,
     headers: HeaderMap,
 ) -> Result<Response> {
-    query.finish()?;
     let (_, ending) = last_segment(&uri);
     let format = ending.and_then(by_ending).ok_or_else(no_format)?;
-    let job = succeeded(app.store.job(&id).await?)?;
     respond(&app, &job, 0, format, &headers).await
 }
 
 /// GET /v1/jobs/{id}/snapshots
 pub(super) async fn snapshots(
     State(app): State<AppState>,
-    Id(id): Id<JobId>,
-    query: Query,
+    _: NoQuery,
+    Found(job): Found,
 ) -> Result<Response> {
-    query.finish()?;
-    let job = found(app.store.job(&id).await?)?;
-    let snapshots = app.store.snapshots(&id).await?;
+    let snapshots = app.store.snapshots(&job.id).await?;
     let items: Vec<Value> = snapshots.iter().map(|mesh| describe(&job, mesh)).collect();
     Ok(Json(json!({"job_id": job.id, "items": items})).into_response())
 }
@@ -82,16 +76,14 @@ pub(super) async fn snapshots(
 /// GET /v1/jobs/{id}/snapshots/{file}: an evaluation, and the ending of a format.
 pub(super) async fn snapshot(
     State(app): State<AppState>,
-    Id(id): Id<JobId>,
+    _: NoQuery,
+    Found(job): Found,
     uri: Uri,
-    query: Query,
     headers: HeaderMap,
 ) -> Result<Response> {
-    query.finish()?;
     let (stem, ending) = last_segment(&uri);
     let no_snapshot = || ApiError::not_found("snapshot");
     let evaluation: u64 = stem.parse().map_err(|_| no_snapshot())?;
-    let job = found(app.store.job(&id).await?)?;
     if evaluation == 0 {
         return Err(no_snapshot());
     }
@@ -107,26 +99,18 @@ pub(super) async fn snapshot(
 }
 
 /// GET /v1/jobs/{id}/report
-pub(super) async fn report(
-    State(app): State<AppState>,
-    Id(id): Id<JobId>,
-    query: Query,
-) -> Result<Response> {
-    query.finish()?;
-    let job = succeeded(app.store.job(&id).await?)?;
-    Ok(Json(job.report).into_response())
+pub(super) async fn report(_: NoQuery, Succeeded(job): Succeeded) -> Response {
+    Json(job.report).into_response()
 }
 
 /// GET /v1/jobs/{id}/model
 pub(super) async fn model(
     State(app): State<AppState>,
-    Id(id): Id<JobId>,
-    query: Query,
+    _: NoQuery,
+    Succeeded(job): Succeeded,
     headers: HeaderMap,
 ) -> Result<Response> {
-    query.finish()?;
-    let job = succeeded(app.store.job(&id).await?)?;
-    let model = app.store.model(&id).await?;
+    let model = app.store.model(&job.id).await?;
     let (bytes, sha256) = model.ok_or_else(|| ApiError::not_found("model"))?;
     let download = Download {
         content: Content::Memory(bytes.into()),
@@ -137,7 +121,11 @@ pub(super) async fn model(
     download.respond(&headers).await
 }
 
-async fn respond(
+/// The mesh of an evaluation, 0 for the result, as a download.
+///
+/// # Errors
+/// [`Code::NotFound`], and those of encoding and download.
+pub(super) async fn respond(
     app: &AppState,
     job: &Job,
     evaluation: u64,
@@ -165,13 +153,25 @@ async fn respond(
 /// # Errors
 /// [`Code::NotAcceptable`] with the list of formats.
 fn accepted(headers: &HeaderMap) -> Result<Format> {
-    preferred(headers, &OFFERS).ok_or_else(|| {
-        let types = ENDINGS.map(|(_, format)| format.media_type()).join(", ");
-        ApiError::new(Code::NotAcceptable, format!("meshes are given as {types}")).with(
-            "acceptable",
-            json!(ENDINGS.map(|(_, format)| format.media_type())),
-        )
-    })
+    preferred(headers, &OFFERS).ok_or_else(|| not_acceptable(&[]))
+}
+
+/// The format where the client prefers a mesh to the job's own JSON.
+///
+/// # Errors
+/// [`Code::NotAcceptable`] where it accepts neither.
+pub(super) fn preferred_to_json(headers: &HeaderMap) -> Result<Option<Format>> {
+    const JSON: &str = "application/json";
+    let meshes = OFFERS.map(|(media_type, format)| (media_type, Some(format)));
+    let offers = [&[(JSON, None)], meshes.as_slice()].concat();
+    preferred(headers, &offers).ok_or_else(|| not_acceptable(&[JSON]))
+}
+
+fn not_acceptable(besides: &[&str]) -> ApiError {
+    let meshes = ENDINGS.map(|(_, format)| format.media_type());
+    let types = [besides, meshes.as_slice()].concat();
+    let detail = format!("the answer is given as {}", types.join(", "));
+    ApiError::new(Code::NotAcceptable, detail).with("acceptable", json!(types))
 }
 
 fn by_ending(ending: &str) -> Option<Format> {
@@ -194,7 +194,7 @@ fn last_segment(uri: &Uri) -> (&str, Option<&str>) {
 }
 
 /// The same address gives other bytes to another `Accept`.
-fn varies(mut response: Response) -> Response {
+pub(super) fn varies(mut response: Response) -> Response {
     let accept = HeaderValue::from_static("accept");
     response.headers_mut().insert(header::VARY, accept);
     response

@@ -9,7 +9,7 @@ use super::error::{ApiError, Code, Result};
 use super::extract::{Query, text};
 
 const DEFAULT_LIMIT: u32 = 50;
-const MAX_LIMIT: u32 = 200;
+pub(super) const MAX_LIMIT: u32 = 200;
 
 /// Which part of a list is asked for.
 #[derive(Debug)]

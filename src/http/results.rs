@@ -1,7 +1,38 @@
 //! What the resources below a job share: is it here, has it ended, what does it have.
 
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
+
+use super::AppState;
 use super::error::{ApiError, Code, Result};
-use crate::jobs::{Job, Lookup, Status};
+use super::extract::Id;
+use crate::jobs::{Job, JobId, Lookup, Status};
+
+/// The job of the path, `{id}`, in whatever state.
+#[derive(Debug, Clone)]
+pub(super) struct Found(pub(super) Job);
+
+impl FromRequestParts<AppState> for Found {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Self> {
+        let Id(id) = Id::<JobId>::from_request_parts(parts, app).await?;
+        found(app.store.job(&id).await?).map(Self)
+    }
+}
+
+/// The job of the path, `{id}`, which has a result.
+#[derive(Debug, Clone)]
+pub(super) struct Succeeded(pub(super) Job);
+
+impl FromRequestParts<AppState> for Succeeded {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Self> {
+        let Found(job) = Found::from_request_parts(parts, app).await?;
+        succeeded(job).map(Self)
+    }
+}
 
 /// The job.
 ///
@@ -10,7 +41,7 @@ use crate::jobs::{Job, Lookup, Status};
 pub(super) fn found(lookup: Lookup) -> Result<Job> {
     match lookup {
         Lookup::Found(job) => Ok(*job),
-        Lookup::Gone(tombstone) => Err(ApiError::gone(&tombstone)),
+        Lookup::Gone(tombstone) => Err(ApiError::gone("job", &tombstone)),
         Lookup::Missing => Err(ApiError::not_found("job")),
     }
 }
@@ -19,8 +50,7 @@ pub(super) fn found(lookup: Lookup) -> Result<Job> {
 ///
 /// # Errors
 /// [`Code::ResultNotReady`] while it can still get one, [`Code::NotFound`] when it never will.
-pub(super) fn succeeded(lookup: Lookup) -> Result<Job> {
-    let job = found(lookup)?;
+fn succeeded(job: Job) -> Result<Job> {
     match job.status {
         Status::Succeeded => Ok(job),
         Status::Queued | Status::Running => {

@@ -21,7 +21,7 @@ const DRAIN: Duration = Duration::from_secs(10);
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Most bytes of a request's line and headers; hyper answers 431 to more.
-const MAX_HEAD_BYTES: usize = 64 * 1024;
+pub(super) const MAX_HEAD_BYTES: usize = 64 * 1024;
 
 /// Serves until `close` is cancelled and the requests under way have ended, at most ten seconds
 /// longer. Between [`super::App::shutdown`] and `close` connections are still taken: clients are

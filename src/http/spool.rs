@@ -14,8 +14,7 @@ use zstd::stream::zio;
 use super::download::hex;
 use super::error::{ApiError, Code, Result};
 
-/// Most bytes that one received byte may become; see the same limit of gzipped files in
-/// [`crate::reconstruction::cloud::Limits`].
+/// Most bytes that one received byte may become, of an encoded body and of a gzipped file in it.
 pub(super) const MAX_EXPANSION: u64 = 100;
 
 /// Expansion is not held against bodies smaller than this.

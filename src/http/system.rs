@@ -10,18 +10,22 @@ use axum::response::{Html, IntoResponse, Response};
 use serde_json::{Map, Value, json};
 
 use super::error::{ApiError, Code, Result};
-use super::extract::Query;
+use super::extract::{MAX_WAIT_SECONDS, NoQuery};
+use super::job_request::{MAX_LABEL_LENGTH, MAX_LABELS, grid_limit_bytes};
+use super::server::MAX_HEAD_BYTES;
+use super::spool::MAX_EXPANSION;
 use super::time::rfc3339;
-use super::{AppState, docs, field};
+use super::upload::JSON_LIMIT;
+use super::{AppState, docs, events, field, idempotency, page};
 use crate::reconstruction::Preset;
-use crate::reconstruction::settings::BOUNDS;
+use crate::reconstruction::cloud::MAX_HEADER_BYTES;
+use crate::reconstruction::settings::{BOUNDS, MAX_CHOSEN_EVALUATIONS};
 
 /// Time after which the database counts as not writable: probes give up after some seconds.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// GET /v1/presets
-pub(super) async fn presets(query: Query) -> Result<Response> {
-    query.finish()?;
+pub(super) async fn presets(_: NoQuery) -> Response {
     let items: Vec<Value> = Preset::ALL
         .iter()
         .map(|preset| {
@@ -32,12 +36,11 @@ pub(super) async fn presets(query: Query) -> Result<Response> {
             })
         })
         .collect();
-    Ok(Json(json!({ "items": items })).into_response())
+    Json(json!({ "items": items })).into_response()
 }
 
-/// GET /v1/limits
-pub(super) async fn limits(State(app): State<AppState>, query: Query) -> Result<Response> {
-    query.finish()?;
+/// GET /v1/limits: each from the place that enforces it.
+pub(super) async fn limits(State(app): State<AppState>, _: NoQuery) -> Response {
     let config = &app.config;
     let bounds: Map<String, Value> = BOUNDS
         .iter()
@@ -46,33 +49,47 @@ pub(super) async fn limits(State(app): State<AppState>, query: Query) -> Result<
             (bound.pointer.to_owned(), range)
         })
         .collect();
-    Ok(Json(json!({
+    Json(json!({
+        "connections": config.max_connections,
+        "header_bytes": MAX_HEAD_BYTES,
+        "header_seconds": config.header_timeout_seconds,
         "body_bytes": config.body_limit_bytes(),
+        "upload_idle_seconds": config.upload_timeout_seconds,
+        "decompression_ratio": MAX_EXPANSION,
+        "cloud_header_bytes": MAX_HEADER_BYTES,
         "points": config.max_points,
+        "settings_bytes": JSON_LIMIT,
+        "labels": MAX_LABELS,
+        "label_characters": MAX_LABEL_LENGTH,
+        "chosen_evaluations": MAX_CHOSEN_EVALUATIONS,
+        "grid_bytes": grid_limit_bytes(config),
+        "worker_memory_bytes": config.worker_memory_bytes(),
         "queued_jobs": config.queue_limit,
         "job_seconds": config.job_time_limit_seconds,
+        "wait_seconds": MAX_WAIT_SECONDS,
+        "idempotency_key_characters": idempotency::MAX_KEY_LENGTH,
+        "idempotency_seconds": idempotency::KEPT_MS / 1_000,
+        "page_items": page::MAX_LIMIT,
+        "event_page_items": events::MAX_LIMIT,
         "events_per_job": config.max_events,
         "metrics_per_job": config.max_metrics,
         "event_streams": config.max_streams,
-        "connections": config.max_connections,
-        "upload_idle_seconds": config.upload_timeout_seconds,
+        "field_bytes": field::MAX_BODY_BYTES,
         "field_points": field::MAX_POINTS,
         "disk_reserve_bytes": app.disk.space().map_or(0, |s| app.disk.reserve_bytes(s.total_bytes)),
-        "worker_memory_bytes": config.worker_memory_bytes(),
         "settings": bounds,
     }))
-    .into_response())
+    .into_response()
 }
 
 /// GET /v1/version
-pub(super) async fn version(State(app): State<AppState>, query: Query) -> Result<Response> {
-    query.finish()?;
-    Ok(Json(json!({
+pub(super) async fn version(State(app): State<AppState>, _: NoQuery) -> Response {
+    Json(json!({
         "version": env!("CARGO_PKG_VERSION"),
         "api": "v1",
         "started_at": rfc3339(app.started_at),
     }))
-    .into_response())
+    .into_response()
 }
 
 /// GET /livez: the process answers.

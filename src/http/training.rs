@@ -10,8 +10,8 @@ use serde_json::{Map, Value, json};
 use super::AppState;
 use super::accept::preferred;
 use super::error::{ApiError, Code, Result};
-use super::extract::{Id, Query, text};
-use super::results::found;
+use super::extract::{NoQuery, Query, text};
+use super::results::Found;
 use crate::jobs::JobId;
 use crate::reconstruction::training::Metrics;
 
@@ -24,11 +24,9 @@ const MIN_POINTS: usize = 16;
 /// GET /v1/jobs/{id}/gradients
 pub(super) async fn gradients(
     State(app): State<AppState>,
-    Id(id): Id<JobId>,
-    query: Query,
+    _: NoQuery,
+    Found(job): Found,
 ) -> Result<Response> {
-    query.finish()?;
-    let job = found(app.store.job(&id).await?)?;
     let histograms = app.store.gradients(&job.id).await?;
     Ok(Json(json!({"job_id": job.id, "items": histograms})).into_response())
 }
@@ -36,7 +34,7 @@ pub(super) async fn gradients(
 /// GET /v1/jobs/{id}/metrics
 pub(super) async fn metrics(
     State(app): State<AppState>,
-    Id(id): Id<JobId>,
+    Found(job): Found,
     mut query: Query,
     headers: HeaderMap,
 ) -> Result<Response> {
@@ -57,13 +55,12 @@ pub(super) async fn metrics(
         Some(format) => format,
         None => Format::accepted(&headers)?,
     };
-    let job = found(app.store.job(&id).await?)?;
     // A long series takes some tens of megabytes while it is written out.
     let _turn = app.series.acquire().await.map_err(ApiError::internal)?;
-    let rows = read(&app, &id, after).await?;
+    let rows = read(&app, &job.id, after).await?;
     let total = rows.len();
     let rows = match max_points {
-        Some(points) if points < total => thin(rows, points),
+        Some(points) if points < total => thin(rows, &fields, points),
         _ => rows,
     };
     let body = match format {
@@ -144,14 +141,6 @@ impl Field {
         Self::WeightNorms,
     ];
 
-    /// Those whose extremes survive thinning.
-    const CURVES: [Self; 4] = [
-        Self::Loss,
-        Self::ValidationLoss,
-        Self::GradientNorm,
-        Self::StepLength,
-    ];
-
     fn name(self) -> &'static str {
         match self {
             Self::Evaluation => "evaluation",
@@ -174,6 +163,7 @@ impl Field {
         }
     }
 
+    /// Its value as a point of a curve; what counts up or has a value a layer is none.
     fn number(self, row: &Metrics) -> Option<f64> {
         match self {
             Self::Loss => Some(row.loss),
@@ -199,9 +189,12 @@ fn fields(list: &str) -> std::result::Result<Vec<Field>, String> {
 }
 
 /// At most `points` rows: the first, the last, and of each of equal stretches those where a curve
-/// has its smallest and largest value, so that no peak is lost.
-fn thin(rows: Vec<Metrics>, points: usize) -> Vec<Metrics> {
-    let stretches = ((points - 2) / (2 * Field::CURVES.len())).max(1);
+/// among the `fields` has its smallest and largest value, so that no peak of it is lost; without a
+/// curve the first of each.
+fn thin(rows: Vec<Metrics>, fields: &[Field], points: usize) -> Vec<Metrics> {
+    let is_curve = |field: &&Field| rows.iter().any(|row| field.number(row).is_some());
+    let curves: Vec<&Field> = fields.iter().filter(is_curve).collect();
+    let stretches = ((points - 2) / (2 * curves.len()).max(1)).max(1);
     let length = rows.len().div_ceil(stretches);
     let mut keep = vec![false; rows.len()];
     if let Some(first) = keep.first_mut() {
@@ -211,7 +204,10 @@ fn thin(rows: Vec<Metrics>, points: usize) -> Vec<Metrics> {
         *last = true;
     }
     for (s, stretch) in rows.chunks(length).enumerate() {
-        for field in Field::CURVES {
+        if curves.is_empty() {
+            keep[s * length] = true;
+        }
+        for field in &curves {
             let values = stretch.iter().map(|row| field.number(row)).enumerate();
             let values: Vec<(usize, f64)> = values.filter_map(|(i, v)| Some((i, v?))).collect();
             let by_value = |a: &&(usize, f64), b: &&(usize, f64)| a.1.total_cmp(&b.1);
@@ -326,13 +322,30 @@ mod tests {
         let mut rows: Vec<_> = (1..=10_000).map(|i| row(i, 1.0 / i as f64)).collect();
         rows[5_432].loss = 99.0;
         rows[5_433].loss = -1.0;
-        let kept = thin(rows, 100);
+        let kept = thin(rows, &Field::ALL, 100);
         assert!(kept.len() <= 100);
         let evaluations: Vec<_> = kept.iter().map(|row| row.evaluation).collect();
         assert!(evaluations.is_sorted());
         for evaluation in [1, 5_433, 5_434, 10_000] {
             assert!(evaluations.contains(&evaluation), "{evaluation}");
         }
+    }
+
+    #[test]
+    fn only_what_is_asked_for_takes_points() {
+        // A zigzag in one field: every row is an extreme of its stretch.
+        let rows = || {
+            (1..=10_000)
+                .map(|i| row(i, f64::from(u32::from(i % 2 == 0))))
+                .collect()
+        };
+        let thinned = |list: &str| thin(rows(), &fields(list).unwrap(), 100).len();
+        // Two extremes a stretch; a field that nobody asked for would halve the stretches.
+        assert!((98..=100).contains(&thinned("loss")), "{}", thinned("loss"));
+        // A field that has no value anywhere takes none either.
+        assert_eq!(thinned("loss,validation_loss,step_length"), thinned("loss"));
+        // Without a curve rows are left out evenly.
+        assert!((98..=100).contains(&thinned("weight_norms")));
     }
 
     #[test]

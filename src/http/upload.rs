@@ -52,7 +52,7 @@ pub(super) async fn receive(app: &AppState, request: Request) -> Result<Payload>
     let content_type = header(request.headers(), &CONTENT_TYPE)?.unwrap_or_default();
     let essence = content_type.split(';').next().unwrap_or_default().trim();
     match essence.to_ascii_lowercase().as_str() {
-        "application/json" => json(app, request).await.map(Payload::Json),
+        "application/json" => json(app, request, JSON_LIMIT).await.map(Payload::Json),
         "multipart/form-data" => form(app, request).await,
         essence => {
             let hint = format_of_media_type(essence);
@@ -63,11 +63,12 @@ pub(super) async fn receive(app: &AppState, request: Request) -> Result<Payload>
     }
 }
 
-/// The whole of a JSON body; nothing at all gives no bytes.
+/// The whole of a JSON body of at most `limit` bytes; nothing at all gives no bytes.
 ///
 /// # Errors
-/// [`Code::BodyTooLarge`], [`Code::UnsupportedEncoding`], [`Code::UploadTimeout`].
-pub(super) async fn json(app: &AppState, request: Request) -> Result<Bytes> {
+/// [`Code::BodyTooLarge`], [`Code::UnsupportedEncoding`], [`Code::UploadTimeout`],
+/// [`Code::BodyBrokenOff`].
+pub(super) async fn json(app: &AppState, request: Request, limit: usize) -> Result<Bytes> {
     let encoding = header(request.headers(), &CONTENT_ENCODING)?;
     if Encoding::of(encoding)? != Encoding::Identity {
         let detail = "a JSON body is taken without Content-Encoding";
@@ -76,14 +77,14 @@ pub(super) async fn json(app: &AppState, request: Request) -> Result<Bytes> {
     let mut stream = request.into_body().into_data_stream();
     let mut body = BytesMut::new();
     while let Some(chunk) = next(app, &mut stream).await? {
-        gather(&mut body, &chunk)?;
+        gather(&mut body, &chunk, limit)?;
     }
     Ok(body.freeze())
 }
 
-fn gather(body: &mut BytesMut, chunk: &[u8]) -> Result<()> {
-    if body.len() + chunk.len() > JSON_LIMIT {
-        return Err(too_large(JSON_LIMIT as u64));
+fn gather(body: &mut BytesMut, chunk: &[u8], limit: usize) -> Result<()> {
+    if body.len() + chunk.len() > limit {
+        return Err(too_large(limit as u64));
     }
     body.extend_from_slice(chunk);
     Ok(())
@@ -140,7 +141,7 @@ async fn form(app: &AppState, request: Request) -> Result<Payload> {
                     .await?
                     .map_err(|error| broken(&error))?
                 {
-                    gather(&mut body, &chunk)?;
+                    gather(&mut body, &chunk, JSON_LIMIT)?;
                 }
                 job = Some(body.freeze());
             }
@@ -172,10 +173,13 @@ async fn file_part(app: &AppState, mut part: Field<'_>) -> Result<Upload> {
 }
 
 fn broken(error: &MultipartError) -> ApiError {
-    if error.status() == StatusCode::PAYLOAD_TOO_LARGE {
-        ApiError::new(Code::BodyTooLarge, "the form is larger than allowed")
-    } else {
-        ApiError::new(Code::MalformedMultipart, error.body_text())
+    match error.status() {
+        StatusCode::PAYLOAD_TOO_LARGE => {
+            ApiError::new(Code::BodyTooLarge, "the form is larger than allowed")
+        }
+        // The form could not be read, whatever is in it.
+        StatusCode::INTERNAL_SERVER_ERROR => broken_off(error),
+        _ => ApiError::new(Code::MalformedMultipart, error.body_text()),
     }
 }
 
@@ -193,13 +197,16 @@ async fn next(app: &AppState, stream: &mut BodyDataStream) -> Result<Option<Byte
     in_time(app, stream.next())
         .await?
         .transpose()
-        .map_err(|error| {
-            // The client is gone or its framing is broken: hardly anyone reads this answer.
-            ApiError::new(
-                Code::MalformedMultipart,
-                format!("the body broke off: {error}"),
-            )
-        })
+        .map_err(|error| broken_off(&error))
+}
+
+/// The client is gone or its framing is broken: hardly anyone reads this answer.
+fn broken_off(error: &dyn std::error::Error) -> ApiError {
+    tracing::debug!(error.message = %error, "a body broke off");
+    ApiError::new(
+        Code::BodyBrokenOff,
+        "the body broke off before it was complete; send it again",
+    )
 }
 
 /// What comes within the time that an upload may stand still.

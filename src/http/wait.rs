@@ -2,18 +2,18 @@
 
 use std::time::Duration;
 
-use axum::extract::Request;
-use axum::http::header::ACCEPT;
+use axum::http::header::{LINK, LOCATION};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
-use axum::response::{IntoResponse, Response};
-use tower::ServiceExt;
+use axum::response::Response;
 
 use super::AppState;
 use super::error::{ApiError, Code, Result};
 use super::extract::preferred_wait;
 use super::idempotency::KEY;
 use super::job_json::{PREFERENCE_APPLIED, answer, url};
-use crate::jobs::{Job, JobId, Lookup, Status};
+use super::meshes;
+use super::results::found;
+use crate::jobs::{Job, JobId, Status};
 use crate::reconstruction::mesh::write::Format;
 
 /// Longest pause between two looks at the job: what a lost wake-up costs.
@@ -26,7 +26,8 @@ const PAUSE: Duration = Duration::from_millis(100);
 #[derive(Debug, Clone)]
 pub(super) struct Wish {
     wait: Option<Duration>,
-    accept: Option<HeaderValue>,
+    /// The format of the mesh that is to be the answer, if one is.
+    mesh: Option<Format>,
     /// Without it the answer under a key would not be the one that is repeated: the place in the
     /// queue is not known where that one is written.
     place: bool,
@@ -36,12 +37,16 @@ impl Wish {
     /// The wish of a request's headers.
     ///
     /// # Errors
-    /// [`Code::BadHeader`].
+    /// [`Code::NotAcceptable`] when what the wait is for cannot be given.
     pub(super) fn of(headers: &HeaderMap) -> Result<Self> {
-        let accept = headers.get(ACCEPT).filter(|accept| names_mesh(accept));
+        let wait = preferred_wait(headers);
+        let mesh = match wait {
+            Some(_) => meshes::preferred_to_json(headers)?,
+            None => None,
+        };
         Ok(Self {
-            wait: preferred_wait(headers)?,
-            accept: accept.cloned(),
+            wait,
+            mesh,
             place: !headers.contains_key(KEY),
         })
     }
@@ -62,12 +67,12 @@ impl Wish {
             return Ok(answer(StatusCode::ACCEPTED, &job, position));
         };
         let job = until_ended(app, &job.id, wait).await?;
-        let mut response = match (job.status, self.accept) {
+        let mut response = match (job.status, self.mesh) {
             (Status::Queued | Status::Running, _) => {
                 let position = app.store.queue_position(&job.id).await?;
                 answer(StatusCode::ACCEPTED, &job, position)
             }
-            (Status::Succeeded, Some(accept)) => mesh(app, &job, accept).await?,
+            (Status::Succeeded, Some(format)) => mesh(app, &job, format).await?,
             (Status::Failed, Some(_)) => return Err(failure(&job)),
             (Status::Cancelled, Some(_)) => {
                 let detail = format!("the job {} was cancelled: it has no mesh", job.id);
@@ -80,19 +85,6 @@ impl Wish {
         response.headers_mut().insert(PREFERENCE_APPLIED, applied);
         Ok(response)
     }
-}
-
-/// Whether `Accept` names a mesh type; a wildcard names none.
-fn names_mesh(accept: &HeaderValue) -> bool {
-    let types = accept.to_str().unwrap_or_default().split(',');
-    types
-        .filter_map(|range| range.split(';').next())
-        .any(|essence| {
-            let essence = essence.trim().to_ascii_lowercase();
-            Format::ALL
-                .iter()
-                .any(|format| format.media_type() == essence)
-        })
 }
 
 /// The problem that a failed job ended with, as the answer itself.
@@ -111,11 +103,7 @@ async fn until_ended(app: &AppState, id: &JobId, wait: Duration) -> Result<Job> 
     let deadline = tokio::time::Instant::now() + wait;
     loop {
         changed.mark_unchanged();
-        let job = match app.store.job(id).await? {
-            Lookup::Found(job) => *job,
-            Lookup::Gone(tombstone) => return Err(ApiError::gone(&tombstone)),
-            Lookup::Missing => return Err(ApiError::not_found("job")),
-        };
+        let job = found(app.store.job(id).await?)?;
         if job.status.is_final() || app.shutdown.is_cancelled() {
             return Ok(job);
         }
@@ -128,26 +116,14 @@ async fn until_ended(app: &AppState, id: &JobId, wait: Duration) -> Result<Job> 
     }
 }
 
-/// What a GET of the job's mesh gives: the one place that encodes meshes answers.
-async fn mesh(app: &AppState, job: &Job, accept: HeaderValue) -> Result<Response> {
-    let request = Request::get(format!("{}/mesh", url(job)))
-        .header(ACCEPT, accept)
-        .body(axum::body::Body::empty())
-        .map_err(ApiError::internal)?;
-    let response = super::handlers(app.clone()).oneshot(request).await;
-    Ok(response.into_response())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_a_mesh_type_names_a_mesh() {
-        let names = |accept: &'static str| names_mesh(&HeaderValue::from_static(accept));
-        assert!(names("model/obj"));
-        assert!(names("application/json;q=0.1, Model/STL;q=0.9"));
-        assert!(!names("*/*"));
-        assert!(!names("application/json"));
+/// The mesh itself, and where the job is that made it.
+async fn mesh(app: &AppState, job: &Job, format: Format) -> Result<Response> {
+    let response = meshes::respond(app, job, 0, format, &HeaderMap::new()).await?;
+    let mut response = meshes::varies(response);
+    let described = format!("<{}>; rel=\"describedby\"", url(job));
+    for (name, value) in [(LOCATION, url(job)), (LINK, described)] {
+        let value = HeaderValue::try_from(value).map_err(ApiError::internal)?;
+        response.headers_mut().insert(name, value);
     }
+    Ok(response)
 }

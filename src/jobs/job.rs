@@ -88,6 +88,8 @@ pub struct Job {
     pub id: JobId,
     /// The cloud it reconstructs; a job that has ended may outlive its cloud.
     pub cloud_id: CloudId,
+    /// Whether it has outlived its cloud.
+    pub cloud_erased: bool,
     /// Where it stands.
     pub status: Status,
     /// Stage of the present or last attempt; none before the first one reports it.
@@ -185,11 +187,9 @@ impl Lookup {
     }
 }
 
-/// What stays of an erased job.
+/// What stays of an erased job or cloud.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Tombstone {
-    /// Its name.
-    pub job_id: JobId,
     /// When it was erased, in milliseconds since the epoch.
     pub deleted_at: i64,
     /// Why: `deleted` by a client, or `expired`.

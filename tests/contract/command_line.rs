@@ -210,8 +210,13 @@ fn every_kind_of_failure_has_its_exit_code_and_leaves_nothing() {
         "--set=surface.resolution=9999",
     ];
     let message = fail(folder, &strings(&quick("cloud.xyz", "m.ply", refused)), 2);
-    for pointer in ["/network/width", "/training/sed", "/surface/resolution"] {
-        assert!(message.contains(pointer), "{message}");
+    for said in [
+        "/network/width: is 0, must be an integer from 1 to 512",
+        "/training/sed: is unknown here",
+        "did you mean seed?",
+        "/surface/resolution: is 9999, must be an integer from 8 to 1024",
+    ] {
+        assert!(message.contains(said), "{message}");
     }
     fail(folder, &strings(&quick("cloud.xyz", "m.docx", &[])), 2);
     fail(
@@ -241,6 +246,28 @@ fn every_kind_of_failure_has_its_exit_code_and_leaves_nothing() {
         assert!(message.contains(named), "{cloud}: {message}");
     }
     fail(folder, &["evaluate", "cloud.xyz"], 3);
+    fs::write(
+        folder.join("mesh.off"),
+        "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n",
+    )
+    .unwrap();
+    let message = fail(folder, &["evaluate", "mesh.off", "spere:1"], 3);
+    assert!(
+        message.contains("did you mean sphere?") && message.contains("torus[:MAJOR:MINOR]"),
+        "{message}"
+    );
+    fs::remove_file(folder.join("mesh.off")).unwrap();
+    fs::write(
+        folder.join("serve.toml"),
+        "workers = 1\nqueue_limit = \"long\"\n",
+    )
+    .unwrap();
+    let message = fail(folder, &["serve", "--config=serve.toml"], 2);
+    assert!(
+        message.contains("serve.toml: line 2: queue_limit is \"long\""),
+        "{message}"
+    );
+    fs::remove_file(folder.join("serve.toml")).unwrap();
     fail(folder, &["verify", "."], 3);
     assert_eq!(names(folder), before);
 }

@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use meshway::http::error::CATALOGUE;
 use meshway::http::{OPENAPI, operations};
 use meshway::reconstruction::Preset;
-use meshway::reconstruction::settings::BOUNDS;
+use meshway::reconstruction::settings::{BOUNDS, CHOICES};
 use serde_json::{Value, json};
 
 static CONTRACT: LazyLock<Value> = LazyLock::new(|| yaml_serde::from_str(OPENAPI).unwrap());
@@ -78,6 +78,11 @@ fn settings_are_those_of_the_presets_with_their_bounds() {
         let written = schema("Settings").pointer(&place).unwrap();
         assert_eq!(written["minimum"].as_f64(), Some(bound.min), "{place}");
         assert_eq!(written["maximum"].as_f64(), Some(bound.max), "{place}");
+    }
+    for choice in CHOICES {
+        let place = choice.pointer.replace('/', "/properties/");
+        let written = schema("Settings").pointer(&place).unwrap();
+        assert_eq!(written["enum"], json!(choice.names), "{place}");
     }
     let presets: Vec<_> = Preset::ALL.iter().map(|preset| preset.name()).collect();
     assert_eq!(schema("PresetName")["enum"], json!(presets));

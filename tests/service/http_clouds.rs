@@ -4,6 +4,7 @@ use axum::body::Body;
 use axum::http::Request;
 use serde_json::json;
 
+use crate::http_contract::expect_contract;
 use crate::http_support::{
     Service, encoded, form_request, gzip, sphere, sphere_xyz, upload_request,
 };
@@ -80,8 +81,15 @@ async fn a_cloud_is_described_listed_fetched_and_erased() {
     assert!(head.body.is_empty());
 
     service.delete(&url).await.expect(204);
-    service.get(&url).await.expect_problem(404, "not_found");
-    service.delete(&url).await.expect_problem(404, "not_found");
+    for gone in [
+        service.get(&url).await,
+        service.get(&content).await,
+        service.delete(&url).await,
+    ] {
+        expect_contract(&gone, "get", "/v1/clouds/{id}");
+        let problem = gone.expect_problem(410, "gone");
+        assert_eq!(problem["reason"], "deleted");
+    }
     assert!(service.files("clouds").is_empty() && service.files("tmp").is_empty());
 }
 
@@ -207,4 +215,38 @@ async fn a_cloud_that_a_job_needs_stays() {
         .await
         .expect(200);
     service.delete(cloud).await.expect(204);
+    let job = service.get(&format!("/v1/jobs/{id}")).await.json();
+    assert!(job["links"].get("cloud").is_none(), "{job}");
+    service
+        .post_json(&format!("/v1/jobs/{id}/retry"), &json!({}))
+        .await
+        .expect_problem(422, "cloud_missing");
+}
+
+#[tokio::test]
+async fn normals_that_cannot_be_used_as_they_are_are_counted() {
+    let service = Service::new().await;
+    let warnings = async |normal: fn(usize) -> &'static str| {
+        let rows = sphere(100, 0.0).into_iter().enumerate();
+        let row = |(i, [x, y, z]): (usize, [f64; 3])| format!("{x} {y} {z} {}\n", normal(i));
+        let answer = service.send(upload_request(rows.map(row).collect::<String>()));
+        let answer = answer.await.expect(201);
+        expect_contract(&answer, "post", "/v1/clouds");
+        answer.json()["warnings"].clone()
+    };
+    let zero = "normals are zero and count as missing";
+    assert_eq!(
+        warnings(|_| "0 0 0").await,
+        json!([{"code": "normals_zero", "message": format!("100 of 100 {zero}")}])
+    );
+    assert_eq!(
+        warnings(|i| ["0 0 0", "nan 0 1", "0 0 7", "0 0 7", "0 0.6 0.8"][i.min(4)]).await,
+        json!([
+            {"code": "normals_not_finite", "message": "1 of 100 normals are not finite and count as missing"},
+            {"code": "normals_zero", "message": format!("1 of 100 {zero}")},
+            {"code": "normals_not_unit", "message": "2 of 100 normals are far from unit length and are scaled to it"},
+        ])
+    );
+    // As text with two digits.
+    assert_eq!(warnings(|_| "0.58 0.58 0.58").await, json!([]));
 }

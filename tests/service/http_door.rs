@@ -237,6 +237,31 @@ async fn silent_and_halting_clients_are_let_go() {
 }
 
 #[tokio::test]
+async fn an_unknown_parameter_is_refused_everywhere() {
+    let service = Service::new().await;
+    let id = service.submit().await;
+    let cloud = service.get("/v1/clouds").await.json()["items"][0]["links"]["self"].clone();
+    let cloud = cloud.as_str().unwrap();
+    for path in [
+        cloud,
+        &format!("{cloud}/content"),
+        &format!("/v1/jobs/{id}"),
+    ] {
+        let answer = service.get(&format!("{path}?x=1")).await;
+        let problem = answer.expect_problem(422, "request_invalid");
+        assert_eq!(problem["errors"][0]["pointer"], "/x");
+    }
+    for path in [cloud, &format!("/v1/jobs/{id}")] {
+        let answer = service.delete(&format!("{path}?x=1")).await;
+        answer.expect_problem(422, "request_invalid");
+        service.get(path).await.expect(200);
+    }
+    let cancel = format!("/v1/jobs/{id}/cancel?x=1");
+    let answer = service.post_json(&cancel, &json!({})).await;
+    answer.expect_problem(422, "request_invalid");
+}
+
+#[tokio::test]
 async fn a_head_without_end_is_refused() {
     let service = Service::new().await;
     let (address, _serving) = served(&service).await;

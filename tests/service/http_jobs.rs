@@ -5,7 +5,8 @@ use axum::http::Request;
 use meshway::reconstruction::Preset;
 use serde_json::{Value, json};
 
-use crate::http_support::{Service, form_request, job_id, json_request, sphere_xyz};
+use crate::http_contract::expect_contract;
+use crate::http_support::{Service, form_request, job_id, sphere_xyz};
 
 fn with(mut request: Request<Body>, name: &'static str, value: &str) -> Request<Body> {
     request.headers_mut().insert(name, value.parse().unwrap());
@@ -160,14 +161,45 @@ async fn a_dry_run_tells_settings_and_cost_and_does_nothing() {
         .post_json("/v1/jobs?dry_run=1", &json!({}))
         .await
         .expect(200);
-    let with_cloud = Request::post("/v1/jobs?dry_run=1")
-        .body(sphere_xyz(60, 0.0).into())
-        .unwrap();
-    service
-        .send(with_cloud)
-        .await
-        .expect_problem(422, "request_invalid");
     assert_eq!(service.get("/v1/jobs").await.json()["items"], json!([]));
+}
+
+#[tokio::test]
+async fn a_dry_run_reads_the_cloud_that_comes_with_it_and_keeps_nothing() {
+    let service = Service::new().await;
+    let raw = |body: String| {
+        let request = Request::post("/v1/jobs?dry_run=1&preset=fast");
+        request.body(body.into()).unwrap()
+    };
+    let points = sphere_xyz(60, 0.0);
+    let far = Preset::Fast.settings().sampling.far_points;
+    let job = br#"{"settings": {"sampling": {"near_pairs": 2}}}"#;
+    let parts: [(&str, &str, &[u8]); 2] = [("file", "", points.as_bytes()), ("job", "", job)];
+    let form = form_request("/v1/jobs?dry_run=true&preset=fast", &parts);
+    for (request, pairs) in [(raw(points.clone()), 1), (form, 2)] {
+        let answer = service.send(request).await.expect(200);
+        expect_contract(&answer, "post", "/v1/jobs");
+        let dry = answer.json();
+        assert_eq!(dry["estimate"]["samples"], 60 * (1 + 2 * pairs) + far);
+        assert_eq!(dry["cloud_id"], Value::Null);
+    }
+    let flat = raw("0 0 0\n1 0 0\n0 1 0\n".repeat(20));
+    service
+        .send(flat)
+        .await
+        .expect_problem(422, "cloud_degenerate");
+    let unlabelled = Request::post("/v1/jobs?dry_run=1&preset=paper");
+    service
+        .send(unlabelled.body(points.into()).unwrap())
+        .await
+        .expect_problem(422, "settings_conflict");
+    for list in ["/v1/jobs", "/v1/clouds"] {
+        assert_eq!(service.get(list).await.json()["items"], json!([]));
+    }
+    assert!(service.files("clouds").is_empty());
+    service
+        .until("tmp is empty", |service| service.files("tmp").is_empty())
+        .await;
 }
 
 #[tokio::test]
@@ -242,8 +274,6 @@ async fn every_fault_of_a_request_is_told_at_its_place() {
         .expect_problem(413, "body_too_large");
     let query = service.post_json("/v1/jobs?dry_rum=1", &json!({})).await;
     query.expect_problem(422, "request_invalid");
-    let wait = with(json_request("/v1/jobs", &json!({})), "prefer", "wait=long");
-    service.send(wait).await.expect_problem(400, "bad_header");
     let body = sphere_xyz(60, 0.0);
     let both = json!({"cloud_id": cloud}).to_string();
     let both = form_request(
@@ -255,6 +285,34 @@ async fn every_fault_of_a_request_is_told_at_its_place() {
         .await
         .expect_problem(422, "request_invalid");
     assert_eq!(service.get("/v1/jobs").await.json()["items"], json!([]));
+}
+
+#[tokio::test]
+async fn a_refused_setting_says_what_it_is_and_what_it_may_be() {
+    let service = Service::new().await;
+    let cloud = service.upload().await;
+    let settings = json!({"network": {"width": "wide", "scheme": "highwy"}});
+    let problem = service
+        .post_json(
+            "/v1/jobs",
+            &json!({"cloud_id": cloud, "settings": settings}),
+        )
+        .await
+        .expect_problem(422, "settings_invalid");
+    assert_eq!(
+        problem["errors"],
+        json!([
+            {
+                "pointer": "/settings/network/scheme",
+                "detail": "is \"highwy\", must be one of plain, resnet, highway, hw, sqrhw; \
+                           did you mean highway?",
+            },
+            {
+                "pointer": "/settings/network/width",
+                "detail": "is \"wide\", must be an integer from 1 to 512",
+            },
+        ])
+    );
 }
 
 #[tokio::test]

@@ -92,11 +92,9 @@ async fn a_mesh_is_the_same_in_every_format() {
             answer.header("content-disposition"),
             format!("attachment; filename=\"{id}.{ending}\"")
         );
-        if ending != "glb" {
-            let name = format!("mesh.{ending}");
-            let mesh = read::read(&answer.body, Some(&name)).unwrap();
-            assert_eq!(mesh.triangles.len(), 4, "{ending}");
-        }
+        let name = format!("mesh.{ending}");
+        let mesh = read::read(&answer.body, Some(&name)).unwrap();
+        assert_eq!(mesh.triangles.len(), 4, "{ending}");
         let accept = [("accept", media_type)];
         let same = get_with(&service, &format!("/v1/jobs/{id}/mesh"), &accept).await;
         assert_eq!(same.header("vary"), "accept");
@@ -233,6 +231,27 @@ async fn the_field_is_evaluated_in_the_coordinates_of_the_cloud() {
         .post_json(&path, &many)
         .await
         .expect_problem(422, "request_invalid");
+}
+
+#[tokio::test]
+async fn a_network_that_cannot_be_read_is_told() {
+    let service = Service::new().await;
+    let id = service.submit().await;
+    let claim = service.claim().await;
+    let success = Success {
+        mesh: mesh(),
+        report: json!({}),
+        model: b"of another version".to_vec(),
+        last: Record::default(),
+    };
+    service.store().succeed(&claim, success).await.unwrap();
+    let path = format!("/v1/jobs/{id}/field");
+    let answer = service
+        .post_json(&path, &json!({"points": [[0, 0, 0]]}))
+        .await;
+    expect_contract(&answer, "post", "/v1/jobs/{id}/field");
+    let problem = answer.expect_problem(409, "model_unreadable");
+    assert_eq!(problem["retryable"], false);
 }
 
 #[tokio::test]

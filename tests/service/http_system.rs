@@ -25,6 +25,13 @@ async fn what_may_be_asked_for_is_told() {
     }
     let limits = service.get("/v1/limits").await.json();
     assert_eq!(limits["points"], 5_000_000);
+    assert_eq!(limits["header_bytes"], 65_536);
+    assert_eq!(limits["settings_bytes"], 65_536);
+    assert_eq!(limits["decompression_ratio"], 100);
+    assert_eq!(limits["wait_seconds"], 60);
+    // What the worker may use less what it needs besides.
+    let grid = limits["grid_bytes"].as_u64().unwrap();
+    assert!(grid < limits["worker_memory_bytes"].as_u64().unwrap() && grid > 1 << 30);
     assert_eq!(limits["settings"]["/surface/resolution"]["maximum"], 1024.0);
     let presets = service.get("/v1/presets").await.json();
     assert_eq!(presets["items"][0]["name"], "balanced");

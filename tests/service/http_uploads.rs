@@ -114,6 +114,50 @@ async fn what_is_no_cloud_is_refused_and_leaves_nothing() {
 }
 
 #[tokio::test]
+async fn a_body_that_breaks_off_is_no_malformed_form() {
+    let service = Service::new().await;
+    for media_type in ["text/plain", "multipart/form-data; boundary=XX"] {
+        let start =
+            Bytes::from_static(b"--XX\r\nContent-Disposition: form-data; name=\"file\"\r\n\r\nabc");
+        let broken = stream::iter([Ok(start), Err(std::io::Error::other("reset"))]);
+        let request = Request::post("/v1/clouds").header("content-type", media_type);
+        let request = request.body(Body::from_stream(broken)).unwrap();
+        let problem = service
+            .send(request)
+            .await
+            .expect_problem(400, "body_broken_off");
+        assert_eq!(problem["retryable"], true);
+    }
+    service
+        .until("tmp is empty", |service| service.files("tmp").is_empty())
+        .await;
+}
+
+#[tokio::test]
+async fn a_header_that_is_too_long_says_how_long_it_may_be() {
+    let service = Service::new().await;
+    let lines = "comment x\n".repeat(10_000);
+    for (header, said) in [
+        (lines, "the header has more than 65536 bytes"),
+        (
+            "x".repeat(2_000),
+            "a line of the header has more than 1024 bytes",
+        ),
+        (
+            "comment x\n".to_owned(),
+            "the header ends without \"end_header\"",
+        ),
+    ] {
+        let problem = service
+            .send(upload_request(format!("ply\n{header}")))
+            .await
+            .expect_problem(422, "cloud_header");
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.contains(said), "{detail}");
+    }
+}
+
+#[tokio::test]
 async fn a_body_beyond_the_limit_ends_early() {
     let service = Service::with(&["--body-limit-mib=1"]).await;
     let large = vec![b'1'; (1 << 20) + 1];

@@ -16,6 +16,8 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, SqliteConnection};
 use tempfile::TempDir;
 
+use crate::http_support::sphere_xyz;
+
 /// How long anything may take on a busy machine before a test gives up.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
 /// Time between two looks at a condition.
@@ -39,7 +41,7 @@ impl Folder {
     pub(crate) async fn at(dir: TempDir) -> Self {
         fs::create_dir(dir.path().join("clouds")).unwrap();
         let sha256 = "a".repeat(64);
-        let bytes = cloud();
+        let bytes = sphere_xyz(POINTS, 0.0).into_bytes();
         fs::write(dir.path().join("clouds").join(&sha256), &bytes).unwrap();
         let store = Store::open(dir.path(), Options::default()).await.unwrap();
         let new = NewCloud {
@@ -179,19 +181,8 @@ impl Folder {
     }
 }
 
-/// Points on the unit sphere, along a spiral.
+/// Points of the cloud, a sphere.
 const POINTS: usize = 300;
-
-fn cloud() -> Vec<u8> {
-    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    let row = |k: usize| {
-        let z = 1.0 - (2.0 * k as f64 + 1.0) / POINTS as f64;
-        let ring = (1.0 - z * z).sqrt();
-        let (y, x) = (golden * k as f64).sin_cos();
-        format!("{} {} {z}\n", ring * x, ring * y)
-    };
-    (0..POINTS).map(row).collect::<String>().into_bytes()
-}
 
 fn unused(path: &Path) -> PathBuf {
     let names = (0..).map(|k| path.with_extension(k.to_string()));

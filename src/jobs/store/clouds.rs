@@ -76,14 +76,14 @@ impl Store {
             .collect()
     }
 
-    /// Erases a cloud's row unless a job that has not ended needs it. Jobs that have ended keep its
-    /// name.
+    /// Erases a cloud's row unless a job that has not ended needs it, and leaves a tombstone. Jobs
+    /// that have ended keep its name and know that it is gone.
     ///
     /// # Errors
     /// As every write.
     pub async fn delete_cloud(&self, id: &CloudId) -> Result<CloudDeletion> {
         let id = id.clone();
-        self.write(move |tx| {
+        self.write(move |mut tx| {
             Box::pin(async move {
                 let in_use: bool = sqlx::query_scalar(
                     "SELECT EXISTS (SELECT 1 FROM jobs
@@ -99,10 +99,15 @@ impl Store {
                     .bind(id.as_str())
                     .fetch_optional(&mut *tx.db)
                     .await?;
-                Ok(match deleted {
-                    Some(row) => CloudDeletion::Deleted(cloud_of(&row)?),
-                    None => CloudDeletion::Missing,
-                })
+                let Some(row) = deleted else {
+                    return Ok(CloudDeletion::Missing);
+                };
+                sqlx::query("UPDATE jobs SET cloud_erased = 1 WHERE cloud_id = ?1")
+                    .bind(id.as_str())
+                    .execute(&mut *tx.db)
+                    .await?;
+                tx.bury(id.as_str(), "deleted").await?;
+                Ok(CloudDeletion::Deleted(cloud_of(&row)?))
             })
         })
         .await

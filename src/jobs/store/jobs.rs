@@ -8,10 +8,9 @@ use super::Store;
 use super::idempotency::Idempotency;
 use super::outcome::{Fence, Outcome};
 use super::row::{Columns, to_json};
+use super::tombstones;
 use super::writer::Transaction;
-use crate::jobs::{
-    CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewJob, Result, Status, Tombstone,
-};
+use crate::jobs::{CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewJob, Result, Status};
 
 impl Store {
     /// Puts a job into the queue, writes its `job.queued` event and, under the client's key, the
@@ -127,7 +126,7 @@ impl Store {
     pub async fn delete_job(&self, id: &JobId, reason: &'static str) -> Result<Lookup> {
         let id = id.clone();
         let erased = self
-            .write(move |tx| {
+            .write(move |mut tx| {
                 Box::pin(async move {
                     let Some(job) = find_job(&mut *tx.db, &id).await? else {
                         return find_tombstone(&mut *tx.db, &id).await;
@@ -151,14 +150,7 @@ impl Store {
                             .execute(&mut *tx.db)
                             .await?;
                     }
-                    sqlx::query(
-                        "INSERT INTO tombstones (job_id, deleted_at, reason) VALUES (?1, ?2, ?3)",
-                    )
-                    .bind(id.as_str())
-                    .bind(tx.now)
-                    .bind(reason)
-                    .execute(&mut *tx.db)
-                    .await?;
+                    tx.bury(id.as_str(), reason).await?;
                     Ok(Lookup::Found(Box::new(job)))
                 })
             })
@@ -271,19 +263,8 @@ pub(super) async fn find_tombstone<'e>(
     db: impl Executor<'e, Database = Sqlite>,
     id: &JobId,
 ) -> Result<Lookup> {
-    let row = sqlx::query("SELECT * FROM tombstones WHERE job_id = ?1")
-        .bind(id.as_str())
-        .fetch_optional(db)
-        .await?;
-    let Some(row) = row else {
-        return Ok(Lookup::Missing);
-    };
-    let columns = Columns::new("tombstones", &row);
-    Ok(Lookup::Gone(Tombstone {
-        job_id: columns.parsed("job_id")?,
-        deleted_at: columns.get("deleted_at")?,
-        reason: columns.get("reason")?,
-    }))
+    let tombstone = tombstones::find(db, id.as_str()).await?;
+    Ok(tombstone.map_or(Lookup::Missing, Lookup::Gone))
 }
 
 async fn position<'e>(db: impl Executor<'e, Database = Sqlite>, id: &JobId) -> Result<Option<u64>> {
@@ -309,6 +290,7 @@ pub(super) fn job_of(row: &SqliteRow) -> Result<Job> {
     Ok(Job {
         id: columns.parsed("id")?,
         cloud_id: columns.parsed("cloud_id")?,
+        cloud_erased: columns.get::<i64>("cloud_erased")? != 0,
         status: status_of(columns)?,
         phase: columns.name("phase")?,
         preset: columns.required(columns.name("preset")?, "preset")?,

@@ -20,6 +20,7 @@ mod metrics;
 mod outcome;
 mod row;
 mod shredder;
+mod tombstones;
 mod writer;
 
 use std::path::Path;
@@ -193,7 +194,13 @@ impl Store {
 }
 
 async fn migrate(db: &mut SqliteConnection) -> Result<()> {
-    let migrations = [("init", include_str!("../../../migrations/0001_init.sql"))];
+    let migrations = [
+        ("init", include_str!("../../../migrations/0001_init.sql")),
+        (
+            "erased_clouds",
+            include_str!("../../../migrations/0002_erased_clouds.sql"),
+        ),
+    ];
     let migrator = Migrator::with_migrations(
         (1..)
             .zip(migrations)

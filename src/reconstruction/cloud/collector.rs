@@ -3,6 +3,7 @@
 
 use super::{Error, Label, Limits, PointCloud};
 use crate::reconstruction::Warning;
+use crate::reconstruction::vector::{Vec3, norm, normalized};
 
 /// One row of a file: x, y, z, the normal's components, the label. Unused slots are zero.
 pub(in crate::reconstruction) type Row = [f64; 7];
@@ -10,14 +11,42 @@ pub(in crate::reconstruction) type Row = [f64; 7];
 /// Share of the points that may be dropped because they are not finite.
 const MAX_DROPPED: f64 = 0.01;
 
+/// How far from 1 the length of a unit normal may be: two digits a component are enough.
+const UNIT_TOLERANCE: f64 = 0.05;
+
 /// A cloud that is being read.
 #[derive(Debug)]
 pub(super) struct Collector<'a> {
     limits: &'a Limits,
     cloud: PointCloud,
     rows: usize,
-    broken_normals: usize,
+    normals: NormalCounts,
     warnings: Vec<Warning>,
+}
+
+/// Normals that cannot be used as they are.
+#[derive(Debug, Default)]
+struct NormalCounts {
+    not_finite: usize,
+    zero: usize,
+    not_unit: usize,
+}
+
+impl NormalCounts {
+    /// The normal, counted if something is wrong with it; without a direction it is zero.
+    fn checked(&mut self, normal: Vec3) -> Vec3 {
+        let length = norm(normal);
+        if !normal.iter().all(|v| v.is_finite()) {
+            self.not_finite += 1;
+            return [0.0; 3];
+        }
+        if normalized(normal).is_none() {
+            self.zero += 1;
+        } else if (length - 1.0).abs() > UNIT_TOLERANCE {
+            self.not_unit += 1;
+        }
+        normal
+    }
 }
 
 impl<'a> Collector<'a> {
@@ -32,7 +61,7 @@ impl<'a> Collector<'a> {
             limits,
             cloud,
             rows: 0,
-            broken_normals: 0,
+            normals: NormalCounts::default(),
             warnings: Vec::new(),
         }
     }
@@ -71,9 +100,7 @@ impl<'a> Collector<'a> {
             })?);
         }
         if let Some(normals) = &mut self.cloud.normals {
-            let finite = nx.is_finite() && ny.is_finite() && nz.is_finite();
-            self.broken_normals += usize::from(!finite);
-            normals.push(if finite { [nx, ny, nz] } else { [0.0; 3] });
+            normals.push(self.normals.checked([nx, ny, nz]));
         }
         self.cloud.points.push([x, y, z]);
         Ok(())
@@ -97,12 +124,27 @@ impl<'a> Collector<'a> {
             let message = format!("{dropped} of {total} points are not finite and were dropped");
             self.warn("points_not_finite", message);
         }
-        if self.broken_normals > 0 {
-            let message = format!(
-                "{} normals are not finite and count as missing",
-                self.broken_normals
-            );
-            self.warn("normals_not_finite", message);
+        let kept = self.cloud.points.len();
+        for (count, code, what) in [
+            (
+                self.normals.not_finite,
+                "normals_not_finite",
+                "not finite and count as missing",
+            ),
+            (
+                self.normals.zero,
+                "normals_zero",
+                "zero and count as missing",
+            ),
+            (
+                self.normals.not_unit,
+                "normals_not_unit",
+                "far from unit length and are scaled to it",
+            ),
+        ] {
+            if count > 0 {
+                self.warn(code, format!("{count} of {kept} normals are {what}"));
+            }
         }
         let duplicates = self.cloud.points.len() - self.cloud.distinct();
         if duplicates > 0 {

@@ -27,6 +27,7 @@ use super::vector::{Bounds, Vec3};
 
 pub use error::Error;
 pub use format::Format;
+pub use ply::MAX_HEADER_BYTES;
 pub use read::{Limits, Source, read};
 pub(super) use read::{content, unpack};
 pub(super) use validate::{MAX_COORDINATE, enough_points};

@@ -1,4 +1,4 @@
-//! The intervals that numbers must lie in.
+//! The intervals that numbers must lie in, and the names that the others must be one of.
 
 /// The allowed interval of a number.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,4 +45,33 @@ pub const BOUNDS: &[Bound] = &[
     bound("/surface/resolution", 8.0, 1_024.0),
     bound("/surface/padding", 0.0, 1.0),
     bound("/surface/projection_steps", 0.0, 10.0),
+];
+
+/// The allowed names of a parameter that is no number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Choice {
+    /// JSON pointer of the parameter.
+    pub pointer: &'static str,
+    /// What it may be.
+    pub names: &'static [&'static str],
+}
+
+const fn choice(pointer: &'static str, names: &'static [&'static str]) -> Choice {
+    Choice { pointer, names }
+}
+
+/// The names that every parameter that is no number is one of.
+pub const CHOICES: &[Choice] = &[
+    choice(
+        "/network/scheme",
+        &["plain", "resnet", "highway", "hw", "sqrhw"],
+    ),
+    choice("/network/precision", &["f32", "f64"]),
+    choice("/training/engine", &["auto", "fused", "libtorch"]),
+    choice("/training/optimizer", &["lbfgs", "adam", "adam_lbfgs"]),
+    choice("/sampling/frame", &["normalized", "given"]),
+    choice("/sampling/targets", &["binary", "graded"]),
+    choice("/sampling/off_surface", &["generated", "labels"]),
+    choice("/surface/evaluation", &["sparse", "dense"]),
+    choice("/surface/components", &["supported", "largest", "all"]),
 ];

@@ -1,12 +1,13 @@
 //! Every parameter of a reconstruction: its meaning, its default, its bounds.
 //!
 //! A parameter is a field here, a value in each of the `presets`, a row of [`BOUNDS`] if it is a
-//! number, and one use. What a user gives is a JSON object that holds only what differs from the
+//! number or of [`CHOICES`] if it is a name, and one use. What a user gives is a JSON object that holds only what differs from the
 //! preset; [`Settings::resolve`] lays it over the preset and reports every violation at once, each
 //! with a JSON pointer. There is no second, all-optional copy of the structs to keep in step.
 
 mod assignments;
 mod bounds;
+mod domain;
 mod error;
 mod presets;
 mod resolve;
@@ -14,7 +15,8 @@ mod resolve;
 use serde::{Deserialize, Serialize};
 
 pub use assignments::assignments;
-pub use bounds::{BOUNDS, Bound};
+pub use bounds::{BOUNDS, Bound, CHOICES, Choice};
+pub use domain::MAX_CHOSEN_EVALUATIONS;
 pub use error::{Error, Violation};
 pub use presets::Preset;
 pub(super) use resolve::NO_FUSED_ENGINE;

@@ -1,11 +1,10 @@
 //! From what a user gives to complete settings, with every violation reported at once.
 
-use serde_json::{Map, Value};
+use serde_json::{Value, json};
 
+use super::domain::{MAX_CHOSEN_EVALUATIONS, names, refuse};
 use super::{BOUNDS, Error, Preset, Settings, Violation};
-
-/// Most entries of a list of evaluations: each may store a mesh.
-const MAX_CHOSEN_EVALUATIONS: usize = 100;
+use crate::nearest::did_you_mean;
 
 /// What is wrong with asking for the fused engine where there is none.
 pub(in crate::reconstruction) const NO_FUSED_ENGINE: &str =
@@ -34,17 +33,10 @@ impl Settings {
             Err(_) => return Err(Error::Invalid(violations)),
         };
         for bound in BOUNDS {
-            let value = merged.pointer(bound.pointer).and_then(Value::as_f64);
-            if !value.is_some_and(|v| bound.min <= v && v <= bound.max) {
-                violations.push(Violation {
-                    pointer: bound.pointer.to_owned(),
-                    detail: format!(
-                        "is {}, must be from {} to {}",
-                        value.map_or_else(|| "not finite".to_owned(), |v| v.to_string()),
-                        bound.min,
-                        bound.max
-                    ),
-                });
+            let value = merged.pointer(bound.pointer).unwrap_or(&Value::Null);
+            let number = value.as_f64();
+            if !number.is_some_and(|v| bound.min <= v && v <= bound.max) {
+                violations.push(refuse(bound.pointer, value, value));
             }
         }
         settings.check_lists(&mut violations);
@@ -60,27 +52,23 @@ impl Settings {
     }
 
     fn check_lists(&self, violations: &mut Vec<Violation>) {
-        for (name, evaluations) in [
+        let training = &self.training;
+        for (pointer, evaluations) in [
             (
-                "histogram_evaluations",
-                &self.training.histogram_evaluations,
+                "/training/histogram_evaluations",
+                &training.histogram_evaluations,
             ),
-            ("snapshot_evaluations", &self.training.snapshot_evaluations),
+            (
+                "/training/snapshot_evaluations",
+                &training.snapshot_evaluations,
+            ),
         ] {
-            let pointer = format!("/training/{name}");
-            if evaluations.len() > MAX_CHOSEN_EVALUATIONS {
-                violations.push(Violation {
-                    pointer,
-                    detail: format!(
-                        "has {} entries, at most {MAX_CHOSEN_EVALUATIONS} are allowed",
-                        evaluations.len()
-                    ),
-                });
-            } else if evaluations.contains(&0) || !evaluations.is_sorted_by(|a, b| a < b) {
-                violations.push(Violation {
-                    pointer,
-                    detail: "must be increasing evaluation numbers, counted from 1".to_owned(),
-                });
+            if evaluations.len() > MAX_CHOSEN_EVALUATIONS
+                || evaluations.contains(&0)
+                || !evaluations.is_sorted_by(|a, b| a < b)
+            {
+                let value = json!(evaluations);
+                violations.push(refuse(pointer, &value, &value));
             }
         }
     }
@@ -131,14 +119,12 @@ fn overlay(
     given: &Value,
     violations: &mut Vec<Violation>,
 ) {
-    let Some(known) = base.pointer(pointer).and_then(Value::as_object) else {
+    let before = base.pointer(pointer).unwrap_or(&Value::Null);
+    let Some(known) = before.as_object() else {
         return place(base, merged, pointer, given, violations);
     };
     let Some(given) = given.as_object() else {
-        violations.push(Violation {
-            pointer: pointer.to_owned(),
-            detail: format!("must be an object with some of: {}", names(known)),
-        });
+        violations.push(refuse(pointer, before, given));
         return;
     };
     for (name, value) in given {
@@ -146,9 +132,10 @@ fn overlay(
         if known.contains_key(name) {
             overlay(base, merged, &inner, value, violations);
         } else {
+            let meant = did_you_mean(name, known.keys().map(String::as_str));
             violations.push(Violation {
                 pointer: inner,
-                detail: format!("is unknown here; known are: {}", names(known)),
+                detail: format!("is unknown here; known are: {}{meant}", names(known)),
             });
         }
     }
@@ -167,29 +154,18 @@ fn place(
             *slot = value.clone();
         }
     }
-    if let Err(error) = serde_json::from_value::<Settings>(alone) {
-        violations.push(Violation {
-            pointer: pointer.to_owned(),
-            detail: error.to_string(),
-        });
-        if let (Some(slot), Some(before)) = (merged.pointer_mut(pointer), base.pointer(pointer)) {
+    if serde_json::from_value::<Settings>(alone).is_err() {
+        let before = base.pointer(pointer).unwrap_or(&Value::Null);
+        violations.push(refuse(pointer, before, value));
+        if let Some(slot) = merged.pointer_mut(pointer) {
             *slot = before.clone();
         }
     }
 }
 
-fn names(object: &Map<String, Value>) -> String {
-    object
-        .keys()
-        .map(String::as_str)
-        .collect::<Vec<_>>()
-        .join(", ")
-}
-
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
-
+    use super::super::CHOICES;
     use super::*;
 
     #[test]
@@ -200,25 +176,42 @@ mod tests {
         }
     }
 
+    /// Pointers of the parameters whose value is of a kind.
+    fn pointers(is: fn(&Value) -> bool) -> Vec<String> {
+        let settings = to_value(&Preset::Balanced.settings());
+        let groups = settings.as_object().unwrap().iter();
+        let mut found: Vec<_> = groups
+            .flat_map(|(group, values)| {
+                let values = values.as_object().unwrap().iter();
+                let values = values.filter(|(_, value)| is(value));
+                values.map(move |(name, _)| format!("/{group}/{name}"))
+            })
+            .collect();
+        found.sort();
+        found
+    }
+
     #[test]
     fn every_number_has_bounds() {
-        fn numbers(value: &Value, pointer: &str, found: &mut Vec<String>) {
-            match value {
-                Value::Object(object) => {
-                    for (name, inner) in object {
-                        numbers(inner, &format!("{pointer}/{name}"), found);
-                    }
-                }
-                Value::Number(_) => found.push(pointer.to_owned()),
-                _ => {}
-            }
-        }
-        let mut found = Vec::new();
-        numbers(&to_value(&Preset::Balanced.settings()), "", &mut found);
         let mut bounded: Vec<_> = BOUNDS.iter().map(|b| b.pointer.to_owned()).collect();
-        found.sort();
         bounded.sort();
-        assert_eq!(found, bounded);
+        assert_eq!(pointers(Value::is_number), bounded);
+    }
+
+    #[test]
+    fn every_name_has_its_choices() {
+        let mut chosen: Vec<_> = CHOICES.iter().map(|c| c.pointer.to_owned()).collect();
+        chosen.sort();
+        assert_eq!(pointers(Value::is_string), chosen);
+        for choice in CHOICES {
+            let mut settings = to_value(&Preset::Balanced.settings());
+            *settings.pointer_mut(choice.pointer).unwrap() = json!("?");
+            // What the type takes, as its deserializer lists it between backticks.
+            let error = serde_json::from_value::<Settings>(settings).unwrap_err();
+            let error = error.to_string();
+            let names: Vec<&str> = error.split('`').skip(1).step_by(2).skip(1).collect();
+            assert_eq!(names, choice.names, "{error}");
+        }
     }
 
     #[test]

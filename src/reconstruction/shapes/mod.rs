@@ -8,6 +8,8 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
+use crate::nearest::did_you_mean;
+
 use super::error::Error as ReconstructionError;
 use super::surface::Field;
 use super::vector::{Bounds, Vec3, along, dot, norm, scale};
@@ -47,11 +49,12 @@ pub enum Shape {
 /// Why a text names no shape.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
-    "{text:?} is no shape: {detail}; known are sphere[:RADIUS], torus[:MAJOR:MINOR], hand, uterus, abdomen"
+    "{text:?} is no shape: {detail}{meant}; known are sphere[:RADIUS], torus[:MAJOR:MINOR], hand, uterus, abdomen"
 )]
 pub struct ParseShapeError {
     text: String,
     detail: &'static str,
+    meant: String,
 }
 
 impl Shape {
@@ -177,12 +180,13 @@ impl FromStr for Shape {
 
     /// Reads `NAME` or `NAME:LENGTH[:LENGTH]`; a sphere has radius 1 and a torus 1 and 0.4 unless given.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let mut parts = text.split(':');
+        let name = parts.next().unwrap_or_default();
         let error = |detail| ParseShapeError {
             text: text.to_owned(),
             detail,
+            meant: String::new(),
         };
-        let mut parts = text.split(':');
-        let name = parts.next().unwrap_or_default();
         let lengths = parts
             .map(|part| {
                 part.parse::<f64>()
@@ -206,7 +210,10 @@ impl FromStr for Shape {
             (name, _) if Self::names().contains(&name) => {
                 Err(error("it has another number of lengths"))
             }
-            _ => Err(error("the name is unknown")),
+            (name, _) => Err(ParseShapeError {
+                meant: did_you_mean(name, Self::names()),
+                ..error("the name is unknown")
+            }),
         }
     }
 }

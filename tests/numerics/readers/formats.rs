@@ -15,12 +15,13 @@ fn every_format_gives_the_numbers_that_were_written() {
         assert_eq!(read, written, "{}", file.name);
         assert_eq!(Some(source.format), Format::from_extension(file.name));
         assert!(!source.gzipped);
-        assert!(
-            source.warnings.is_empty(),
-            "{}: {:?}",
-            file.name,
-            source.warnings
-        );
+        // Some of its normals are longer than 1.
+        let expected: &[&str] = if file.normals {
+            &["normals_not_unit"]
+        } else {
+            &[]
+        };
+        assert_eq!(warnings(&file.bytes, file.name), expected, "{}", file.name);
     }
 }
 

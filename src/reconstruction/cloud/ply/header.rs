@@ -14,7 +14,8 @@ use crate::reconstruction::cloud::binary::ByteOrder;
 use crate::reconstruction::cloud::columns::Columns;
 use crate::reconstruction::cloud::text::excerpt;
 
-const MAX_BYTES: usize = 64 << 10;
+/// Most bytes of a header.
+pub const MAX_HEADER_BYTES: usize = 64 << 10;
 const MAX_LINE: usize = 1 << 10;
 const MAX_ELEMENTS: usize = 16;
 const MAX_PROPERTIES: usize = 64;
@@ -82,9 +83,16 @@ fn check(bytes: &[u8]) -> Result<(String, usize, usize), Error> {
     };
     let mut position = 0;
     while !check.complete {
-        let rest = &bytes[position..bytes.len().min(MAX_BYTES)];
+        let rest = &bytes[position..bytes.len().min(MAX_HEADER_BYTES)];
         let Some(length) = rest.iter().take(MAX_LINE).position(|&b| b == end) else {
-            return Err(check.error("the header ends without \"end_header\"", rest));
+            let detail = if rest.len() >= MAX_LINE {
+                format!("a line of the header has more than {MAX_LINE} bytes")
+            } else if bytes.len() > MAX_HEADER_BYTES {
+                format!("the header has more than {MAX_HEADER_BYTES} bytes")
+            } else {
+                "the header ends without \"end_header\"".to_owned()
+            };
+            return Err(check.error(&detail, rest));
         };
         check.line(&rest[..length])?;
         position += length + 1;

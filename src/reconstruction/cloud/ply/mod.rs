@@ -16,6 +16,7 @@ use super::{Error, Limits};
 pub(in crate::reconstruction) use body::Body;
 pub(in crate::reconstruction) use element::{Element, Kind};
 pub(in crate::reconstruction) use header::Header;
+pub use header::MAX_HEADER_BYTES;
 
 /// Fewest bytes of a value in text: a digit and what parts it from the next.
 const SHORTEST_VALUE: usize = 2;

@@ -1,9 +1,11 @@
-//! The formats that meshes are read from, to compare them with ours: PLY, OBJ, OFF, STL.
+//! The formats that meshes are read from, to compare them with ours: PLY, OBJ, OFF, STL,
+//! and GLB as we write it.
 //!
 //! Headers, vertices and numbers are read as those of clouds are; only the faces are new here. The
 //! bytes come from outside: no count in them is trusted, nothing is allocated beyond a small multiple
 //! of their number, and every index is checked where it is read.
 
+mod glb;
 mod obj;
 mod off;
 mod ply;
@@ -20,18 +22,22 @@ use crate::reconstruction::vector::Vec3;
 ///
 /// # Errors
 /// What is wrong in the file, with the line, or the record of a binary file; `UnsupportedFormat` for
-/// anything else than the four formats.
+/// anything else than the five formats.
 pub fn read(bytes: &[u8], name: Option<&str>) -> Result<TriangleMesh, Error> {
     let unpacked = unpack(bytes, &Limits::default())?;
     let bytes = content(&unpacked)?;
-    let mesh = match Format::detect(bytes, name)? {
-        Format::Ply => ply::read(bytes),
-        Format::Obj => obj::read(bytes),
-        Format::Off => off::read(bytes),
-        Format::Stl => stl::read(bytes),
-        Format::Xyz | Format::Pcd | Format::Npy => Err(Error::UnsupportedFormat(
-            "this is not a mesh in PLY, OBJ, OFF or STL".to_owned(),
-        )),
+    let mesh = if bytes.starts_with(glb::MAGIC) {
+        glb::read(bytes)
+    } else {
+        match Format::detect(bytes, name)? {
+            Format::Ply => ply::read(bytes),
+            Format::Obj => obj::read(bytes),
+            Format::Off => off::read(bytes),
+            Format::Stl => stl::read(bytes),
+            Format::Xyz | Format::Pcd | Format::Npy => Err(Error::UnsupportedFormat(
+                "this is not a mesh in PLY, OBJ, OFF, STL or GLB".to_owned(),
+            )),
+        }
     }?;
     if mesh.vertices.is_empty() {
         return Err(Error::Empty);
