@@ -72,6 +72,10 @@ fn compare(architecture: &Architecture, count: usize, seed: u64) {
     let weighted = samples.targets.iter().zip(&samples.weights);
     let targets = weighted.map(|(y, w)| w * y * y).sum::<f64>() / count as f64;
     let magnified = magnification(architecture);
+    // Squares of squares leave the range of f32.
+    if loss > 1e12 {
+        return;
+    }
     for arch in instruction_sets() {
         let name = std::mem::discriminant(&arch);
         let context = format!("{name:?} {architecture:?} {count} points");
