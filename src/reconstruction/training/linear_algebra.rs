@@ -3,6 +3,11 @@
 //! Sums have a fixed order: the bits depend neither on the number of threads nor on the instruction
 //! set, of which the compiler uses the widest.
 
+#![expect(
+    clippy::inline_always,
+    reason = "code compiles for an instruction set only inside the function that enables it"
+)]
+
 use pulp::Arch;
 use rayon::prelude::*;
 

@@ -19,7 +19,7 @@ const SMALLEST_CURVATURE: f64 = 1e-10;
 /// A direction reads each pair twice, and takes 3/2 `len`² multiplications besides.
 ///
 /// # References
-/// Chen, Wang, Zhou, "Large-scale L-BFGS using MapReduce", NIPS 2014, for the coefficients.
+/// Chen, Wang, Zhou, "Large-scale L-BFGS using `MapReduce`", NIPS 2014, for the coefficients.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]
 pub(super) struct Pairs<T> {
