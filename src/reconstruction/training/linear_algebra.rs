@@ -18,17 +18,16 @@ const LANES: usize = 16;
 /// Components that are summed in T before they go to an f64: in f32 the error of the sum then
 /// does not grow with the number of parameters.
 const BLOCK: usize = 1024;
-/// Rows of a matrix that are read together, so that what they are multiplied with is read once.
+/// Rows that are added together, so that the sum is read and written once for all of them.
 const ROWS: usize = 4;
 /// Components of a sum of rows that one thread takes at a time; they stay in the level-1 cache.
 const COLUMNS: usize = 2048;
-/// Rows of which one thread takes the products.
-const TASK_ROWS: usize = 16;
+/// Rows of which one thread takes the products, at least.
+const TASK_ROWS: usize = 8;
 
 /// a · b.
 pub(super) fn dot<T: Scalar>(a: &[T], b: &[T]) -> f64 {
-    let [[product]] = Arch::new().dispatch(|| rows_times([a], [b]));
-    product
+    Arch::new().dispatch(|| sum_of_products(a, b))
 }
 
 /// The products of a row with two vectors.
@@ -36,63 +35,29 @@ pub(super) type Products = [f64; 2];
 
 /// The products of each row of a matrix with two vectors of the rows' length.
 pub(super) fn products<T: Scalar>(matrix: &[T], vectors: [&[T]; 2]) -> Vec<Products> {
-    let length = vectors[0].len();
-    let mut all = vec![[0.0; 2]; matrix.len() / length];
-    all.par_chunks_mut(TASK_ROWS)
-        .zip(matrix.par_chunks(TASK_ROWS * length))
-        .for_each(|(all, rows)| {
-            Arch::new().dispatch(|| {
-                for (all, rows) in all.chunks_mut(ROWS).zip(rows.chunks(ROWS * length)) {
-                    let row = |i: usize| &rows[i * length..(i + 1) * length];
-                    if all.len() == ROWS {
-                        let products = rows_times([row(0), row(1), row(2), row(3)], vectors);
-                        all.copy_from_slice(&products);
-                    } else {
-                        for (i, all) in all.iter_mut().enumerate() {
-                            [*all] = rows_times([row(i)], vectors);
-                        }
-                    }
-                }
-            });
-        });
-    all
+    let rows = matrix.par_chunks(vectors[0].len());
+    rows.with_min_len(TASK_ROWS)
+        .map(|row| Arch::new().dispatch(|| vectors.map(|vector| sum_of_products(row, vector))))
+        .collect()
 }
 
-/// rows · vectors; each product has the same bits whatever stands beside it.
 #[inline(always)]
-fn rows_times<T: Scalar, const R: usize, const V: usize>(
-    rows: [&[T]; R],
-    vectors: [&[T]; V],
-) -> [[f64; V]; R] {
-    let length = vectors[0].len();
-    let mut sums = [[0.0; V]; R];
-    for start in (0..length).step_by(BLOCK) {
-        let block = start..(start + BLOCK).min(length);
-        let rows = rows.map(|row| &row[block.clone()]);
-        let vectors = vectors.map(|vector| &vector[block.clone()]);
-        let mut lanes = [[[T::ZERO; LANES]; V]; R];
-        let whole = block.len() / LANES;
-        let wide_rows = rows.map(|row| &row.as_chunks::<LANES>().0[..whole]);
-        let wide_vectors = vectors.map(|vector| &vector.as_chunks::<LANES>().0[..whole]);
-        for k in 0..whole {
-            for r in 0..R {
-                for v in 0..V {
-                    for i in 0..LANES {
-                        lanes[r][v][i] += wide_rows[r][k][i] * wide_vectors[v][k][i];
-                    }
-                }
+fn sum_of_products<T: Scalar>(a: &[T], b: &[T]) -> f64 {
+    let blocks = a.chunks(BLOCK).zip(b.chunks(BLOCK));
+    let blocks = blocks.map(|(a, b)| {
+        let mut lanes = [T::ZERO; LANES];
+        let (a, a_rest) = a.as_chunks::<LANES>();
+        let (b, b_rest) = b.as_chunks::<LANES>();
+        for (a, b) in a.iter().zip(b) {
+            for i in 0..LANES {
+                lanes[i] += a[i] * b[i];
             }
         }
-        for r in 0..R {
-            for v in 0..V {
-                let rest = rows[r][whole * LANES..].iter();
-                let rest = rest.zip(&vectors[v][whole * LANES..]);
-                let rest: f64 = rest.map(|(a, b)| a.to_f64() * b.to_f64()).sum();
-                sums[r][v] += lanes[r][v].iter().map(|v| v.to_f64()).sum::<f64>() + rest;
-            }
-        }
-    }
-    sums
+        let rest = a_rest.iter().zip(b_rest);
+        let rest = rest.map(|(a, b)| a.to_f64() * b.to_f64()).sum::<f64>();
+        lanes.iter().map(|v| v.to_f64()).sum::<f64>() + rest
+    });
+    blocks.sum()
 }
 
 /// y += Σ factorᵢ rowᵢ, over the rows of several matrices in turn.
