@@ -35,7 +35,7 @@ check: setup
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items
 
 bench: setup
-	cargo bench --locked --bench reconstruction
+	CRITERION_HOME=$(CURDIR)/target/bench/reconstruction cargo bench --locked --bench reconstruction
 
 bench-engines: setup
 	python3 -m venv target/engines-venv

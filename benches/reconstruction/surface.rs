@@ -3,9 +3,9 @@
 use std::cell::OnceCell;
 
 use criterion::{BenchmarkId, Criterion};
-use meshway::reconstruction::network::{Architecture, Engine, Libtorch};
+use meshway::reconstruction::network::{Architecture, Engine, engine};
 use meshway::reconstruction::sampling::Samples;
-use meshway::reconstruction::settings::Preset;
+use meshway::reconstruction::settings::{self, Preset};
 use meshway::reconstruction::shapes::{Recipe, Shape, sample};
 use meshway::reconstruction::surface::{Field, Request, extract};
 use meshway::reconstruction::vector::Bounds;
@@ -13,7 +13,7 @@ use meshway::reconstruction::{Event, Observer, reconstruct};
 
 /// A network that was trained on a hand, and the box to look for its surface in.
 struct Hand {
-    engine: Libtorch<f32>,
+    engine: Box<dyn Engine<f32>>,
     parameters: Vec<f32>,
     bounds: Bounds,
 }
@@ -38,7 +38,8 @@ impl Hand {
         let made = reconstruct(&cloud, &settings, &Nobody).expect("a hand can be reconstructed");
         let architecture = Architecture::new(&settings.network);
         let none = Samples::default();
-        let engine = Libtorch::new(architecture, &none, &none).expect("libtorch makes tensors");
+        let engine = engine(settings::Engine::Auto, &architecture, &none, &none)
+            .expect("there is an engine for the preset");
         let points = cloud.points.iter().map(|&p| made.model.frame.to_unit(p));
         let bounds = Bounds::of(&points.collect::<Vec<_>>()).expect("there are points");
         Self {

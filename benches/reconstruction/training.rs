@@ -3,10 +3,10 @@
 use criterion::{BatchSize, Criterion};
 use meshway::reconstruction::cloud::Label;
 use meshway::reconstruction::network::{
-    Architecture, Engine, Libtorch, Scalar, initial_parameters,
+    Architecture, Engine, Libtorch, Scalar, engine, initial_parameters,
 };
 use meshway::reconstruction::sampling::Samples;
-use meshway::reconstruction::settings::Scheme;
+use meshway::reconstruction::settings::{self, Scheme};
 use meshway::reconstruction::shapes::{Recipe, Shape, sample};
 use meshway::reconstruction::training::{Interrupt, Iterate, Lbfgs, Options};
 
@@ -37,6 +37,7 @@ pub(super) fn loss(criterion: &mut Criterion) {
     group.bench_function("plain f32", |b| evaluate::<f32>(b, Scheme::Plain));
     group.bench_function("sqrhw f32", |b| evaluate::<f32>(b, Scheme::Sqrhw));
     group.bench_function("sqrhw f64", |b| evaluate::<f64>(b, Scheme::Sqrhw));
+    group.bench_function("sqrhw f32, fused", fused);
     group.finish();
 }
 
@@ -46,6 +47,17 @@ fn evaluate<T: Scalar>(bencher: &mut criterion::Bencher<'_>, scheme: Scheme) {
     let engine = Libtorch::<T>::new(architecture(scheme), &hand(), &Samples::default());
     let engine = engine.expect("libtorch takes the samples");
     let mut gradient = vec![T::ZERO; parameters.len()];
+    bencher.iter(|| engine.loss_and_gradient(&parameters, &mut gradient));
+}
+
+/// With all threads.
+fn fused(bencher: &mut criterion::Bencher<'_>) {
+    let architecture = architecture(Scheme::Sqrhw);
+    let parameters = initial_parameters::<f32>(&architecture, 1);
+    let none = Samples::default();
+    let engine = engine::<f32>(settings::Engine::Fused, &architecture, &hand(), &none);
+    let engine = engine.expect("sqrhw is supported");
+    let mut gradient = vec![0.0; parameters.len()];
     bencher.iter(|| engine.loss_and_gradient(&parameters, &mut gradient));
 }
 

@@ -38,6 +38,7 @@ async fn main() -> ExitCode {
     };
     let done = tokio::time::timeout(LONGEST, stages).await;
     println!("{}", report.table());
+    report.save().unwrap();
     if done.is_err() {
         eprintln!("not done within {LONGEST:?}");
         return ExitCode::FAILURE;

@@ -1,22 +1,25 @@
 //! What was measured, as a Markdown table, and whether it keeps what is promised.
 
-/// Rows of the table.
+/// Rows of the table: what, measured, promised.
 #[derive(Default)]
 pub(crate) struct Report {
-    rows: Vec<String>,
+    rows: Vec<[String; 3]>,
     broken: Vec<String>,
 }
 
 impl Report {
     pub(crate) fn row(&mut self, what: &str, measured: &str) {
-        self.rows.push(format!("| {what} | {measured} | |"));
+        self.rows
+            .push([what.to_owned(), measured.to_owned(), String::new()]);
     }
 
     /// A row of one number that must stay below a limit.
     pub(crate) fn bounded(&mut self, what: &str, measured: f64, limit: f64, unit: &str) {
-        self.rows.push(format!(
-            "| {what} | {measured:.1} {unit} | < {limit} {unit} |"
-        ));
+        self.rows.push([
+            what.to_owned(),
+            format!("{measured:.1} {unit}"),
+            format!("< {limit} {unit}"),
+        ]);
         if measured >= limit {
             let broken = format!("{what}: {measured:.1} {unit}, promised < {limit} {unit}");
             self.broken.push(broken);
@@ -25,8 +28,23 @@ impl Report {
 
     /// The table.
     pub(crate) fn table(&self) -> String {
-        let rows = self.rows.join("\n");
-        format!("| what | measured | promised |\n|---|---|---|\n{rows}\n")
+        let rows = self.rows.iter().map(|row| row.join(" | "));
+        let rows: Vec<_> = rows.map(|row| format!("| {row} |\n")).collect();
+        format!(
+            "| what | measured | promised |\n|---|---|---|\n{}",
+            rows.concat()
+        )
+    }
+
+    /// Writes the rows to `target/bench/service.json`.
+    pub(crate) fn save(&self) -> std::io::Result<()> {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/target/bench");
+        let rows = self.rows.iter().map(|[what, measured, promised]| {
+            serde_json::json!({"what": what, "measured": measured, "promised": promised})
+        });
+        let rows = rows.collect::<serde_json::Value>();
+        std::fs::create_dir_all(folder)?;
+        std::fs::write(format!("{folder}/service.json"), format!("{rows:#}\n"))
     }
 
     /// What was promised and not kept.

@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::Failure;
 use super::files::{Sink, read};
-use crate::reconstruction::verify::{TOLERANCE, Trace, TraceResult, verify};
+use crate::reconstruction::verify::{FUSED_TOLERANCE, TOLERANCE, Trace, TraceResult, verify};
 
 /// Arguments of `meshway verify`.
 #[derive(Debug, Args)]
@@ -22,8 +22,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     stdout.write(|out| {
         writeln!(
             out,
-            "{:<24} {:>11} {:>8} {:>27}",
-            "trace", "evaluations", "expected", "largest relative difference"
+            "{:<24} {:>11} {:>8} {:>27} {:>13}",
+            "trace", "evaluations", "expected", "largest relative difference", "fused, 20"
         )
     })?;
     let mut differing = 0;
@@ -33,10 +33,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         stdout.write(|out| {
             writeln!(
                 out,
-                "{name:<24} {:>11} {:>8} {:>27.3e}{}",
+                "{name:<24} {:>11} {:>8} {:>27.3e} {:>13}{}",
                 result.evaluations,
                 result.expected_evaluations,
                 result.largest_relative_difference,
+                result
+                    .fused_difference
+                    .map_or_else(|| "-".to_owned(), |difference| format!("{difference:.3e}")),
                 if result.passed { "" } else { "  differs" }
             )
         })?;
@@ -45,7 +48,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::Output(format!(
-        "{differing} of {} traces differ in the number of evaluations or by more than {TOLERANCE:e}",
+        "{differing} of {} traces differ in the number of evaluations, by more than {TOLERANCE:e}, or \
+         by more than {FUSED_TOLERANCE:e} with the fused engine",
         names.len()
     )))
 }

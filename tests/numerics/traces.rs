@@ -35,6 +35,8 @@ fn every_trace_is_repeated() {
     ] {
         let result = check(name);
         assert!(result.passed, "{result:?}");
+        let fused = name != "sphere_highway";
+        assert_eq!(result.fused_difference.is_some(), fused, "{result:?}");
         // A sum of 220 terms in another order: a few units in the last place of f64.
         assert!(result.gradient_difference < 1e-12, "{result:?}");
         // The last losses agree to 1e-7; f is about its square root, without squaring.
