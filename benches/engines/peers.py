@@ -7,10 +7,9 @@ import os
 import sys
 import time
 
+# JAX takes as many threads as it sees cores, whatever its flags say.
+os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 os.environ["OMP_NUM_THREADS"] = "1"
-os.environ["XLA_FLAGS"] = (
-    "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-)
 
 import jax
 import jax.numpy as jnp
