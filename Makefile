@@ -1,5 +1,5 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup build test demo contract check bench bench-engines bench-service soak deny clean
+.PHONY: help setup build test demo contract check bench bench-engines bench-quality bench-service soak deny clean
 .DEFAULT_GOAL := help
 
 help:
@@ -9,6 +9,7 @@ help:
 	@echo "make contract  requests made up from openapi.yaml against a served instance (Schemathesis)"
 	@echo "make bench   benchmarks (criterion); tables are in docs/benchmarks.md"
 	@echo "make bench-engines  loss and gradient beside PyTorch and JAX, which it installs under target/"
+	@echo "make bench-quality BENCH=FOLDER  clouds with true surfaces, beside what other tools reached"
 	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
 	@echo "make soak    jobs under random faults; MINUTES=10"
 	@echo "make check   format, lints, documentation"
@@ -41,6 +42,11 @@ bench-engines: setup
 	python3 -m venv target/engines-venv
 	target/engines-venv/bin/pip install --quiet torch==2.13.0 jax==0.10.2 numpy
 	cargo bench --locked --bench engines
+
+# BENCH holds clouds with true surfaces, see benches/quality/quality.py; ARGS go to it.
+bench-quality: build
+	@test -n "$(BENCH)" || { echo "bench-quality: BENCH=FOLDER is missing" >&2; exit 2; }
+	@python3 benches/quality/quality.py $(BENCH) $(ARGS)
 
 bench-service: build
 	cargo bench --locked --bench service

@@ -1,0 +1,140 @@
+#!/usr/bin/env python3
+"""Reconstructs the clouds of a bench and holds the meshes against the true surfaces.
+
+    quality.py BENCH [--only SUBSTRING] [--out FOLDER] [-- ARGUMENTS OF meshway reconstruct]
+
+BENCH holds bare/*.ply, truth/*.ply, index.json (truth and class of each cloud) and peers.json (what other
+tools reached). Prints a Markdown table a class: geometric means over its clouds, the peers beside them, and
+writes the figures as JSON. Chamfer: mean of both directed mean distances; Hausdorff-95: the larger 95 %
+quantile; both in % of the diagonal of the true surface.
+"""
+
+import argparse
+import json
+import math
+import pathlib
+import subprocess
+import sys
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+MESHWAY = ROOT / "target" / "release" / "meshway"
+
+# Peers that get the true normals end so; they are not rivals on bare points.
+TRUE_NORMALS = "_T"
+
+
+def truth_argument(bench, truth):
+    """A shape in our notation, or the file."""
+    name, colon, sizes = truth.partition(":")
+    return f"{name}:{sizes.replace(',', ':')}" if colon else str(bench / truth)
+
+
+def measure(bench, name, entry, out, arguments):
+    """Figures of one cloud; None for what could not be reconstructed."""
+    mesh = out / f"{name}.ply"
+    command = [MESHWAY, "reconstruct", bench / "bare" / f"{name}.ply", "-q", "-o", mesh]
+    start = time.monotonic()
+    done = subprocess.run([*command, *arguments], capture_output=True, text=True)
+    seconds = time.monotonic() - start
+    if done.returncode != 0:
+        print(f"{name}: {done.stderr.strip()}", file=sys.stderr)
+        return {"name": name, "seconds": seconds, "chamfer": None}
+    truth = truth_argument(bench, entry["truth"])
+    judged = subprocess.run(
+        [MESHWAY, "evaluate", mesh, truth], capture_output=True, text=True, check=True
+    )
+    judged = json.loads(judged.stdout)
+    comparison, topology = judged["comparison"], judged["mesh"]
+    return {
+        "name": name,
+        "seconds": seconds,
+        "chamfer": comparison["chamfer_percent"],
+        "hausdorff_95": comparison["hausdorff_95_percent"],
+        "closed": topology["closed"] and topology["manifold"],
+        "components": topology["components"],
+        "genus": topology["genus"],
+    }
+
+
+def true_genus(bench, truth):
+    """Of the shape or the file; None where that is not closed."""
+    known = {"sphere": 0, "torus": 1}
+    shape = truth.partition(":")[0]
+    if shape in known:
+        return known[shape]
+    judged = subprocess.run([MESHWAY, "evaluate", bench / truth], capture_output=True, text=True, check=True)
+    return json.loads(judged.stdout)["mesh"]["genus"]
+
+
+def geometric_mean(values):
+    values = [v for v in values if v is not None]
+    return math.exp(sum(map(math.log, values)) / len(values)) if values else math.nan
+
+
+def peers_of(peers, names):
+    """Geometric means of each peer that did all clouds."""
+    tools = set.intersection(*(set(peers.get(name, {})) for name in names))
+    rows = {}
+    for tool in tools:
+        figures = [peers[name][tool] for name in names]
+        if any(not f.get("chamfer_l1_pct") for f in figures):
+            continue
+        rows[tool] = [
+            geometric_mean([f[key] for f in figures])
+            for key in ("chamfer_l1_pct", "hausdorff95_pct", "cpu_s")
+        ]
+    return rows
+
+
+def table(title, ours, peers, genera):
+    done = [row for row in ours if row["chamfer"] is not None]
+    right = sum(row["genus"] == genera[row["name"]] for row in done)
+    means = [geometric_mean([row[key] for row in done]) for key in ("chamfer", "hausdorff_95", "seconds")]
+    lines = [
+        f"### {title}: {len(done)} of {len(ours)} clouds, {sum(row['closed'] for row in done)} closed, "
+        f"{sum(row['components'] == 1 for row in done)} in one piece, {right} of the right genus",
+        "",
+        "| tool | Chamfer | Hausdorff-95 | seconds |",
+        "|---|---|---|---|",
+        "| **meshway** | **{:.4f}** | **{:.3f}** | **{:.1f}** |".format(*means),
+    ]
+    best = sorted(peers.items(), key=lambda item: item[1][0])
+    bare, given = (
+        [item for item in best if item[0].endswith(TRUE_NORMALS) == favoured] for favoured in (False, True)
+    )
+    for tool, figures in bare[:3] + given[:1]:
+        lines.append("| {} | {:.4f} | {:.3f} | {:.1f} |".format(tool, *figures))
+    return "\n".join(lines) + "\n"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bench", type=pathlib.Path)
+    parser.add_argument("--only", default="", help="clouds whose names contain this")
+    parser.add_argument("--out", type=pathlib.Path, default=ROOT / "target" / "bench" / "quality")
+    parser.add_argument("arguments", nargs="*", help="further arguments of meshway reconstruct")
+    options = parser.parse_args()
+    index = json.loads((options.bench / "index.json").read_text())
+    peers = json.loads((options.bench / "peers.json").read_text())
+    options.out.mkdir(parents=True, exist_ok=True)
+    truths = {entry["truth"] for name, entry in index.items() if options.only in name}
+    genus = {truth: true_genus(options.bench, truth) for truth in truths}
+    classes = {}
+    for name, entry in index.items():
+        if options.only in name:
+            classes.setdefault(entry["class"], []).append(name)
+    figures = {}
+    for title, names in classes.items():
+        ours = []
+        for name in names:
+            ours.append(measure(options.bench, name, index[name], options.out, options.arguments))
+            print(json.dumps(ours[-1]), file=sys.stderr, flush=True)
+        genera = {name: genus[index[name]["truth"]] for name in names}
+        figures[title] = ours
+        print(table(title, ours, peers_of(peers, names), genera), flush=True)
+    (options.out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
