@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Reconstructs the clouds of a bench and holds the meshes against the true surfaces.
 
-    quality.py BENCH [--only SUBSTRING] [--out FOLDER] [-- ARGUMENTS OF meshway reconstruct]
+    quality.py BENCH [--only PATTERN] [--out FOLDER] [-- ARGUMENTS OF meshway reconstruct]
 
 BENCH holds bare/*.ply, truth/*.ply, index.json (truth and class of each cloud) and peers.json (what other
 tools reached). Prints a Markdown table a class: geometric means over its clouds, the peers beside them, and
@@ -13,6 +13,7 @@ import argparse
 import json
 import math
 import pathlib
+import re
 import subprocess
 import sys
 import time
@@ -111,24 +112,25 @@ def table(title, ours, peers, genera):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bench", type=pathlib.Path)
-    parser.add_argument("--only", default="", help="clouds whose names contain this")
+    parser.add_argument("--only", default="", help="clouds whose names match this regular expression")
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "target" / "bench" / "quality")
-    parser.add_argument("arguments", nargs="*", help="further arguments of meshway reconstruct")
-    options = parser.parse_args()
+    split = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)
+    options = parser.parse_args(sys.argv[1:split])
+    arguments = sys.argv[split + 1 :]
     index = json.loads((options.bench / "index.json").read_text())
     peers = json.loads((options.bench / "peers.json").read_text())
     options.out.mkdir(parents=True, exist_ok=True)
-    truths = {entry["truth"] for name, entry in index.items() if options.only in name}
+    truths = {entry["truth"] for name, entry in index.items() if re.search(options.only, name)}
     genus = {truth: true_genus(options.bench, truth) for truth in truths}
     classes = {}
     for name, entry in index.items():
-        if options.only in name:
+        if re.search(options.only, name):
             classes.setdefault(entry["class"], []).append(name)
     figures = {}
     for title, names in classes.items():
         ours = []
         for name in names:
-            ours.append(measure(options.bench, name, index[name], options.out, options.arguments))
+            ours.append(measure(options.bench, name, index[name], options.out, arguments))
             print(json.dumps(ours[-1]), file=sys.stderr, flush=True)
         genera = {name: genus[index[name]["truth"]] for name in names}
         figures[title] = ours

@@ -18,8 +18,8 @@ use crate::reconstruction::surface::{Request, extract};
 pub(super) struct Arguments {
     /// The mesh: PLY, OBJ, OFF, STL, or GLB as `reconstruct` writes it; also gzipped.
     mesh: PathBuf,
-    /// What to compare it with: a mesh, a point cloud, or a shape (sphere[:RADIUS],
-    /// torus[:MAJOR:MINOR], hand, uterus, abdomen).
+    /// What to compare it with: a mesh, a point cloud, or a shape (sphere, sphere:RADIUS,
+    /// torus, torus:MAJOR:MINOR, hand, uterus, abdomen).
     reference: Option<String>,
     /// Seed of the points that are drawn from the surfaces.
     #[arg(long, default_value_t = 1)]
