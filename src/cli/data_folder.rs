@@ -24,7 +24,7 @@ pub(super) struct DataFolder<'a> {
 impl<'a> DataFolder<'a> {
     /// Makes the folder where it is missing, and takes it.
     pub(super) fn take(path: &'a Path) -> Result<Self, Failure> {
-        let failed = |error: std::io::Error| Failure::output(path, &error);
+        let failed = |error| Failure::Output(format!("--data-dir {}: {error}", path.display()));
         // Clouds may be anybody's body: readable by the user of the service only.
         let mut builder = DirBuilder::new();
         builder.recursive(true).mode(0o700);

@@ -85,6 +85,7 @@ catalogue! {
     SettingsInvalid "settings_invalid" 422 false "Settings are unknown, mistyped or out of bounds.";
     SettingsConflict "settings_conflict" 422 false "Settings contradict each other or the cloud.";
     GridTooLarge "grid_too_large" 422 false "The grid needs more memory than allowed.";
+    TrainingTooLarge "training_too_large" 422 false "The training needs more memory than allowed.";
     RateLimited "rate_limited" 429 true "Too many requests.";
     Quota "quota" 429 true "The quota is used up.";
     Internal "internal" 500 true "The service failed.";
@@ -96,7 +97,7 @@ catalogue! {
     TrainingDiverged "training_diverged" 422 false "Training diverged.";
     NoSurface "no_surface" 422 false "The trained field has no surface.";
     MeshTooLarge "mesh_too_large" 422 false "The mesh would be larger than allowed.";
-    OutOfMemory "out_of_memory" 500 true "The worker needed more memory than allowed.";
+    OutOfMemory "out_of_memory" 500 false "The worker needed more memory than allowed.";
     TimeLimit "time_limit" 422 false "The job took longer than allowed.";
     WorkerCrashed "worker_crashed" 500 true "The worker died in every attempt.";
 }

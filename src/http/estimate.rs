@@ -4,17 +4,26 @@ use serde::Serialize;
 
 use super::inspect::Labels;
 use crate::reconstruction::Settings;
-use crate::reconstruction::network::Architecture;
-use crate::reconstruction::settings::{Evaluation, OffSurface, Optimizer, Precision};
+use crate::reconstruction::network::{Architecture, Fused};
+use crate::reconstruction::settings::{Engine, Evaluation, OffSurface, Optimizer, Precision};
 
 /// Floating-point operations that a thread does a second in training, in f32.
 ///
 /// Measured with `make bench` on one thread of x86-64 with AVX-512 (docs/benchmarks.md): loss and
 /// gradient of 3500 samples and 10451 parameters (3-50×5-1, `sqrhw`), which are
-/// [`FLOPS_PER_WEIGHT`] · 3500 · 10451 = 2.2e8 operations, take libtorch 8.7 ms, and the
-/// step of L-BFGS with 100 pairs between them 0.75 ms: 2.2e8 / 9.45e-3. Times drift by a factor of
-/// two with the load of the machine, and further with its kind; a faster engine stays below.
-const FLOPS_PER_THREAD: f64 = 2.3e10;
+/// [`FLOPS_PER_WEIGHT`] · 3500 · 10451 = 2.2e8 operations, take the fused engine 2.4 ms and libtorch
+/// 8 ms. Times drift by a factor of two with the load of the machine, and further with its kind.
+const FUSED_FLOPS: f64 = 9.1e10;
+const LIBTORCH_FLOPS: f64 = 2.7e10;
+
+/// Seconds that a pair of L-BFGS takes for each parameter, in f32: 0.6 ms for 100 pairs of 10451.
+const SECONDS_PER_PAIR: f64 = 5.7e-10;
+
+/// Points that the fused engine has in work at a time in each thread.
+const TILE_POINTS: u64 = 512;
+
+/// Numbers that libtorch keeps for each neuron and sample, on the way forwards and back.
+const LIBTORCH_NUMBERS: u64 = 5;
 
 /// Operations of loss and gradient for each parameter and sample: a multiplication and an addition
 /// forwards, and twice that backwards.
@@ -27,7 +36,7 @@ const BYTES_PER_SAMPLE: u64 = 32;
 /// box, some layers thick.
 const SAMPLES_PER_SQUARE: u64 = 24;
 
-/// The estimate of a `dry_run`.
+/// The estimate of a `dry_run`, and what jobs are held to the memory of a worker by.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Estimate {
     /// Trained numbers.
@@ -41,7 +50,10 @@ pub(super) struct Estimate {
     /// Memory of the grid.
     grid_bytes: u64,
     /// Memory of the training.
-    training_bytes: u64,
+    pub(super) training_bytes: u64,
+    /// What of it the pairs of L-BFGS take.
+    #[serde(skip)]
+    pub(super) pairs_bytes: u64,
     /// Longest time of the training: training that converges ends sooner.
     max_training_seconds: f64,
 }
@@ -49,26 +61,39 @@ pub(super) struct Estimate {
 impl Estimate {
     /// For a cloud with so many points, by a worker of so many threads.
     pub(super) fn new(settings: &Settings, labels: &Labels, threads: usize) -> Self {
-        let parameters = Architecture::new(&settings.network).parameter_count() as u64;
+        let architecture = Architecture::new(&settings.network);
+        let parameters = architecture.parameter_count() as u64;
         let samples = samples(settings, labels);
         let number_bytes = match settings.network.precision {
             Precision::F32 => 4,
             Precision::F64 => 8,
         };
-        // Twice the bytes take twice the time.
-        let work = FLOPS_PER_WEIGHT * (parameters * samples * number_bytes / 4) as f64;
-        let seconds = work * settings.training.max_evaluations as f64
-            / (FLOPS_PER_THREAD * threads.max(1) as f64);
-        let limit = settings.training.time_limit_seconds;
         let neurons = (settings.network.width * settings.network.hidden_layers) as u64;
+        let (flops, numbers) = if is_fused(settings, &architecture) {
+            // Value and slope of each neuron of a tile; each tile has a gradient of its own.
+            let in_work = 2 * neurons * TILE_POINTS * threads.max(1) as u64;
+            let tiles = samples.div_ceil(TILE_POINTS);
+            (FUSED_FLOPS, in_work + tiles * parameters)
+        } else {
+            (LIBTORCH_FLOPS, LIBTORCH_NUMBERS * neurons * samples)
+        };
+        let pairs = pairs(settings);
+        let evaluation = FLOPS_PER_WEIGHT * (parameters * samples) as f64 / flops
+            + SECONDS_PER_PAIR * (pairs * parameters) as f64;
+        // Twice the bytes take twice the time.
+        let seconds = evaluation * (number_bytes / 4) as f64 / threads.max(1) as f64
+            * settings.training.max_evaluations as f64;
+        let limit = settings.training.time_limit_seconds;
+        // Two vectors a pair, and all of them again in a checkpoint.
+        let pairs_bytes = 4 * pairs * parameters * number_bytes;
         Self {
             parameters,
             samples,
             max_evaluations: settings.training.max_evaluations,
             grid_points: (settings.surface.resolution as u64).pow(3),
             grid_bytes: Self::grid_bytes(settings),
-            // Pre-activation, activation and its gradient of each neuron, and a temporary.
-            training_bytes: (samples * neurons * 4 + history(settings) * parameters) * number_bytes,
+            training_bytes: numbers * number_bytes + pairs_bytes,
+            pairs_bytes,
             max_training_seconds: if limit > 0.0 {
                 seconds.min(limit)
             } else {
@@ -79,20 +104,42 @@ impl Estimate {
 
     /// Memory of the grid: a bit a point where it is dense, and the points near the surface.
     pub(super) fn grid_bytes(settings: &Settings) -> u64 {
-        let resolution = settings.surface.resolution as u64;
-        let near = resolution.pow(2) * SAMPLES_PER_SQUARE * BYTES_PER_SAMPLE;
-        match settings.surface.evaluation {
-            Evaluation::Sparse => near,
-            Evaluation::Dense => near + resolution.pow(3) / 8,
-        }
+        grid_bytes(settings.surface.evaluation, settings.surface.resolution)
+    }
+
+    /// The finest grid below that of the settings that takes no more than `limit_bytes`.
+    pub(super) fn largest_resolution(settings: &Settings, limit_bytes: u64) -> usize {
+        let fits = |resolution: &usize| {
+            grid_bytes(settings.surface.evaluation, *resolution) <= limit_bytes
+        };
+        let mut coarser = (0..settings.surface.resolution).rev();
+        coarser.find(fits).unwrap_or_default()
     }
 }
 
-/// Vectors of the length of the parameters that the optimiser keeps: two for each pair of L-BFGS.
-fn history(settings: &Settings) -> u64 {
-    match settings.training.optimizer {
+fn grid_bytes(evaluation: Evaluation, resolution: usize) -> u64 {
+    let resolution = resolution as u64;
+    let near = resolution.pow(2) * SAMPLES_PER_SQUARE * BYTES_PER_SAMPLE;
+    match evaluation {
+        Evaluation::Sparse => near,
+        Evaluation::Dense => near + resolution.pow(3) / 8,
+    }
+}
+
+/// Whether the training is that of the fused engine.
+fn is_fused(settings: &Settings, architecture: &Architecture) -> bool {
+    settings.training.engine != Engine::Libtorch
+        && settings.network.precision == Precision::F32
+        && Fused::supports(architecture)
+}
+
+/// Pairs that L-BFGS keeps in the end.
+fn pairs(settings: &Settings) -> u64 {
+    let training = &settings.training;
+    let most = training.max_iterations.min(training.max_evaluations);
+    match training.optimizer {
         Optimizer::Adam => 0,
-        Optimizer::Lbfgs | Optimizer::AdamLbfgs => 2 * settings.training.history as u64,
+        Optimizer::Lbfgs | Optimizer::AdamLbfgs => most.min(training.history as u64),
     }
 }
 
@@ -115,6 +162,14 @@ mod tests {
     use super::*;
     use crate::reconstruction::Preset;
 
+    fn surface(surface: u64) -> Labels {
+        Labels {
+            surface,
+            interior: 0,
+            exterior: 0,
+        }
+    }
+
     #[test]
     fn samples_are_bounded_by_the_cloud_and_by_the_settings() {
         let labels = |surface| Labels {
@@ -129,39 +184,69 @@ mod tests {
     }
 
     #[test]
-    fn pairs_of_the_optimiser_and_longer_numbers_take_memory() {
-        let labels = Labels {
-            surface: 100,
-            interior: 0,
-            exterior: 0,
-        };
+    fn pairs_of_the_optimiser_take_memory() {
+        let labels = surface(100);
         let mut settings = Preset::Fast.settings();
         let bytes = |settings: &Settings| Estimate::new(settings, &labels, 1).training_bytes;
         let before = bytes(&settings);
         settings.training.history += 10;
-        // 10 pairs of two vectors of 10451 numbers of 4 bytes.
-        assert_eq!(bytes(&settings), before + 10 * 2 * 10_451 * 4);
-        let singles = bytes(&settings);
-        settings.network.precision = Precision::F64;
-        assert_eq!(bytes(&settings), 2 * singles);
+        // 10 pairs of two vectors of 10451 numbers of 4 bytes, kept and written down.
+        assert_eq!(bytes(&settings), before + 2 * 10 * 2 * 10_451 * 4);
         settings.training.optimizer = Optimizer::Adam;
-        assert_eq!(bytes(&settings), 2 * (before - 100 * 2 * 10_451 * 4));
+        assert_eq!(bytes(&settings), before - 2 * 100 * 2 * 10_451 * 4);
+        // No more pairs than steps.
+        settings.training.optimizer = Optimizer::Lbfgs;
+        settings.training.max_iterations = 100;
+        assert_eq!(bytes(&settings), before);
+    }
+
+    #[test]
+    fn memory_is_that_of_the_engine() {
+        let mut settings = Preset::Fast.settings();
+        settings.training.optimizer = Optimizer::Adam;
+        let bytes = |settings: &Settings, points, threads| {
+            Estimate::new(settings, &surface(points), threads).training_bytes
+        };
+        let tile = 2 * 5 * 50 * 512 * 4;
+        assert_eq!(bytes(&settings, 100, 2) - bytes(&settings, 100, 1), tile);
+        settings.training.engine = Engine::Libtorch;
+        // 3 samples a point.
+        let sample = 5 * 5 * 50 * 4;
+        let more = bytes(&settings, 101, 1) - bytes(&settings, 100, 1);
+        assert_eq!(more, 3 * sample);
+        let singles = bytes(&settings, 100, 1);
+        settings.training.engine = Engine::Auto;
+        settings.network.precision = Precision::F64;
+        assert_eq!(bytes(&settings, 100, 1), 2 * singles);
     }
 
     #[test]
     fn a_measured_evaluation_takes_its_time() {
         let mut settings = Preset::Fast.settings();
-        settings.training.max_evaluations = 1;
+        // 100 pairs need as many evaluations.
+        settings.training.max_evaluations = 100;
         settings.sampling.far_points = 3_500 - 3 * 500;
-        let labels = Labels {
-            surface: 500,
-            interior: 0,
-            exterior: 0,
-        };
-        let estimate = Estimate::new(&settings, &labels, 1);
-        assert_eq!((estimate.samples, estimate.parameters), (3_500, 10_451));
-        let milliseconds = 1e3 * estimate.max_training_seconds;
-        assert!((milliseconds - 9.45).abs() < 0.2, "{milliseconds}");
+        for (engine, expected) in [(Engine::Auto, 3.0), (Engine::Libtorch, 8.6)] {
+            settings.training.engine = engine;
+            let estimate = Estimate::new(&settings, &surface(500), 1);
+            assert_eq!((estimate.samples, estimate.parameters), (3_500, 10_451));
+            let milliseconds = 1e3 * estimate.max_training_seconds / 100.0;
+            assert!((milliseconds - expected).abs() < 0.2, "{milliseconds}");
+        }
+    }
+
+    #[test]
+    fn the_largest_grid_that_fits_is_just_below_one_that_does_not() {
+        for evaluation in [Evaluation::Sparse, Evaluation::Dense] {
+            let mut settings = Preset::Paper.settings();
+            settings.surface.evaluation = evaluation;
+            settings.surface.resolution = 500;
+            let limit = 44 << 20;
+            settings.surface.resolution = Estimate::largest_resolution(&settings, limit);
+            assert!(Estimate::grid_bytes(&settings) <= limit);
+            settings.surface.resolution += 1;
+            assert!(Estimate::grid_bytes(&settings) > limit);
+        }
     }
 
     #[test]

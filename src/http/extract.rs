@@ -13,6 +13,7 @@ use serde_json::{Map, Value};
 use super::AppState;
 use super::error::{ApiError, Code, Result};
 use crate::jobs::Fault;
+use crate::nearest::did_you_mean;
 
 /// The id of a path, `{id}`. A text that is none is a resource that does not exist.
 #[derive(Debug, Clone)]
@@ -39,16 +40,27 @@ impl<T: FromStr> FromRequestParts<AppState> for Id<T> {
 #[derive(Debug)]
 pub(super) struct Fields<V> {
     values: BTreeMap<String, V>,
+    /// Names that were asked for.
+    known: Vec<String>,
     faults: Vec<Fault>,
 }
 
 impl<V> Fields<V> {
+    fn new(values: BTreeMap<String, V>) -> Self {
+        Self {
+            values,
+            known: Vec::new(),
+            faults: Vec::new(),
+        }
+    }
+
     /// A value that may be missing; `None` also for a faulty one, which [`Fields::finish`] tells.
     pub(super) fn take<T>(
         &mut self,
         name: &str,
         parse: impl FnOnce(V) -> std::result::Result<T, String>,
     ) -> Option<T> {
+        self.known.push(name.to_owned());
         match parse(self.values.remove(name)?) {
             Ok(value) => Some(value),
             Err(detail) => {
@@ -78,6 +90,14 @@ impl<V> Fields<V> {
         });
     }
 
+    /// Notes what is wrong with a part of a value.
+    pub(super) fn fault_within(&mut self, name: &str, part: &str, detail: String) {
+        self.faults.push(Fault {
+            pointer: pointer(name) + &pointer(part),
+            detail,
+        });
+    }
+
     /// Whether the value is there and was not taken yet.
     pub(super) fn has(&self, name: &str) -> bool {
         self.values.contains_key(name)
@@ -89,7 +109,14 @@ impl<V> Fields<V> {
     /// [`Code::RequestInvalid`] with every fault.
     pub(super) fn finish(mut self) -> Result<()> {
         for name in std::mem::take(&mut self.values).into_keys() {
-            self.fault(&name, "is unknown".to_owned());
+            let detail = match self.known.as_slice() {
+                [] => "is unknown; none is known here".to_owned(),
+                known => {
+                    let meant = did_you_mean(&name, known.iter().map(String::as_str));
+                    format!("is unknown; known are: {}{meant}", known.join(", "))
+                }
+            };
+            self.fault(&name, detail);
         }
         if self.faults.is_empty() {
             return Ok(());
@@ -107,10 +134,7 @@ impl FromRequestParts<AppState> for Query {
     async fn from_request_parts(parts: &mut Parts, _: &AppState) -> Result<Self> {
         let pairs = axum::extract::Query::<Vec<(String, String)>>::try_from_uri(&parts.uri)
             .map_err(|error| ApiError::fault(Code::RequestInvalid, "", error.body_text()))?;
-        let mut query = Self {
-            values: BTreeMap::new(),
-            faults: Vec::new(),
-        };
+        let mut query = Self::new(BTreeMap::new());
         for (name, value) in pairs.0 {
             if query.values.insert(name.clone(), value).is_some() {
                 query.fault(&name, "is given twice".to_owned());
@@ -143,10 +167,18 @@ impl Members {
     /// [`Code::MalformedJson`], also for nesting deeper than 128; [`Code::RequestInvalid`] for
     /// another value than an object.
     pub(super) fn of(body: &[u8]) -> Result<Self> {
+        Self::of_part("the body", body)
+    }
+
+    /// The members of a part of a form, which problems name.
+    ///
+    /// # Errors
+    /// As [`Members::of`].
+    pub(super) fn of_part(part: &str, body: &[u8]) -> Result<Self> {
         let value: Value = serde_json::from_slice(body)
-            .map_err(|error| ApiError::new(Code::MalformedJson, error.to_string()))?;
+            .map_err(|error| ApiError::new(Code::MalformedJson, format!("{part}: {error}")))?;
         let Value::Object(object) = value else {
-            let detail = "must be an object";
+            let detail = format!("{part} must be an object");
             return Err(ApiError::fault(Code::RequestInvalid, "", detail));
         };
         Ok(object.into())
@@ -155,10 +187,7 @@ impl Members {
 
 impl From<Map<String, Value>> for Members {
     fn from(object: Map<String, Value>) -> Self {
-        Self {
-            values: object.into_iter().collect(),
-            faults: Vec::new(),
-        }
+        Self::new(object.into_iter().collect())
     }
 }
 

@@ -36,12 +36,19 @@ pub(super) async fn evaluate(
     let body = upload::json(&app, request, MAX_BODY_BYTES).await?;
     let mut members = Members::of(&body)?;
     let points = members.required("points", |value| {
-        let points: Vec<Vec3> = json(value)?;
+        let points: Vec<Value> = json(value)?;
         match points.len() {
             1..=MAX_POINTS => Ok(points),
             count => Err(format!("must have 1 to {MAX_POINTS} points, not {count}")),
         }
     });
+    let points = points.unwrap_or_default().into_iter().enumerate();
+    let points: std::result::Result<Vec<Vec3>, _> = points
+        .map(|(i, point)| json(point).map_err(|detail| (i, detail)))
+        .collect();
+    if let Err((i, detail)) = &points {
+        members.fault_within("points", &i.to_string(), detail.clone());
+    }
     let with_gradients = members.take("gradients", json::<bool>).unwrap_or(false);
     members.finish()?;
     let points = points.unwrap_or_default();

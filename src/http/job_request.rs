@@ -19,8 +19,7 @@ pub(super) const MAX_LABELS: usize = 16;
 /// Most characters of a label's key and of its value.
 pub(super) const MAX_LABEL_LENGTH: usize = 64;
 
-/// Memory of a worker besides its grid: program, libtorch, cloud.
-const WORKER_BASE_BYTES: u64 = 256 << 20;
+const MIB: u64 = 1 << 20;
 
 /// A job that is asked for, with complete settings.
 #[derive(Debug)]
@@ -53,7 +52,7 @@ impl JobRequest {
             })
             .or(preset);
         let given = members.take("settings", object);
-        let labels = members.take("labels", labels);
+        let labels = labels(&mut members);
         members.finish()?;
         let preset = preset.unwrap_or_default();
         Ok(Self {
@@ -75,7 +74,7 @@ impl JobRequest {
             preset_named(name.as_str().unwrap_or_default())
         });
         let given = members.take("settings", object).unwrap_or_default();
-        let labels = members.take("labels", labels);
+        let labels = labels(&mut members);
         members.finish()?;
         let mut base = match preset {
             Some(_) => Value::Object(Map::new()),
@@ -92,12 +91,12 @@ impl JobRequest {
         })
     }
 
-    /// Holds the settings against the cloud and the machine.
+    /// Holds the settings against the cloud and the machine: what the job will cost.
     ///
     /// # Errors
-    /// [`Code::SettingsConflict`] for labels that are asked for and not there, and
-    /// [`Code::GridTooLarge`].
-    pub(super) fn check(&self, config: &Config, labels: Option<Labels>) -> Result<()> {
+    /// [`Code::SettingsConflict`] for labels that are asked for and not there,
+    /// [`Code::GridTooLarge`] and [`Code::TrainingTooLarge`].
+    pub(super) fn check(&self, config: &Config, labels: Option<Labels>) -> Result<Estimate> {
         if self.settings.sampling.off_surface == OffSurface::Labels
             && labels.is_some_and(|labels| labels.interior + labels.exterior == 0)
         {
@@ -108,21 +107,61 @@ impl JobRequest {
             ))
                 .into());
         }
-        let grid_bytes = Estimate::grid_bytes(&self.settings);
-        match grid_limit_bytes(config) {
-            Some(limit) if grid_bytes > limit => {
-                let asked = self.settings.surface.resolution;
-                Err(ApiError::fault(
-                    Code::GridTooLarge,
-                    "/settings/surface/resolution",
-                    format!("is {asked}: the grid takes about {grid_bytes} bytes of {limit}"),
-                )
-                .with("asked", asked.into())
-                .with("limit_bytes", limit.into())
-                .with("memory_bytes", grid_bytes.into()))
-            }
-            _ => Ok(()),
+        let budget = Labels {
+            surface: self.settings.sampling.surface_points as u64,
+            interior: 0,
+            exterior: 0,
+        };
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = config.worker_threads(cores);
+        let estimate = Estimate::new(&self.settings, &labels.unwrap_or(budget), threads);
+        if let Some(limit) = config.job_memory_bytes() {
+            self.check_grid(limit)?;
+            self.check_training(&estimate, limit)?;
         }
+        Ok(estimate)
+    }
+
+    fn check_grid(&self, limit: u64) -> Result<()> {
+        let bytes = Estimate::grid_bytes(&self.settings);
+        if bytes <= limit {
+            return Ok(());
+        }
+        let asked = self.settings.surface.resolution;
+        let largest = Estimate::largest_resolution(&self.settings, limit);
+        let detail = format!(
+            "is {asked}: the grid takes about {}; {largest} is the most that fits",
+            shares(bytes, limit)
+        );
+        let pointer = "/settings/surface/resolution";
+        Err(
+            too_large(Code::GridTooLarge, pointer, detail, [bytes, limit])
+                .with("asked", asked.into())
+                .with("largest", largest.into()),
+        )
+    }
+
+    fn check_training(&self, estimate: &Estimate, limit: u64) -> Result<()> {
+        let bytes = estimate.training_bytes;
+        if bytes <= limit {
+            return Ok(());
+        }
+        let (pointer, asked) = if 2 * estimate.pairs_bytes > bytes {
+            ("/settings/training/history", self.settings.training.history)
+        } else {
+            ("/settings/network/width", self.settings.network.width)
+        };
+        let detail = format!(
+            "is {asked}: the training takes about {}; lower training.history, network.width, \
+             network.hidden_layers or the budgets of sampling",
+            shares(bytes, limit)
+        );
+        Err(too_large(
+            Code::TrainingTooLarge,
+            pointer,
+            detail,
+            [bytes, limit],
+        ))
     }
 
     /// The job of this request for a cloud.
@@ -137,15 +176,23 @@ impl JobRequest {
     }
 }
 
-/// Most memory of a grid; `None`: no limit.
-pub(super) fn grid_limit_bytes(config: &Config) -> Option<u64> {
-    let limit = config.worker_memory_bytes()?;
-    Some(limit.saturating_sub(WORKER_BASE_BYTES))
-}
-
 /// Number of points by label, from what the upload found.
 pub(super) fn labels_of(cloud: &Cloud) -> Option<Labels> {
     serde_json::from_value(cloud.summary.get("labels")?.clone()).ok()
+}
+
+fn too_large(code: Code, pointer: &str, detail: String, [bytes, limit]: [u64; 2]) -> ApiError {
+    ApiError::fault(code, pointer, detail)
+        .with("memory_bytes", bytes.into())
+        .with("limit_bytes", limit.into())
+}
+
+fn shares(bytes: u64, limit: u64) -> String {
+    format!(
+        "{} MiB of the {} MiB that a worker has for it",
+        bytes.div_ceil(MIB),
+        limit / MIB
+    )
 }
 
 fn resolve(preset: Preset, given: &Value) -> Result<Settings> {
@@ -168,25 +215,34 @@ fn object(value: Value) -> std::result::Result<Map<String, Value>, String> {
     }
 }
 
-fn labels(value: Value) -> std::result::Result<BTreeMap<String, String>, String> {
-    let labels: BTreeMap<String, String> =
-        serde_json::from_value(value).map_err(|_| "must be an object of strings".to_owned())?;
+fn labels(members: &mut Members) -> Option<BTreeMap<String, String>> {
+    let given = members.take("labels", |value| {
+        let labels = object(value)?;
+        let count = labels.len();
+        if count > MAX_LABELS {
+            return Err(format!(
+                "has {count} labels, at most {MAX_LABELS} are allowed"
+            ));
+        }
+        Ok(labels)
+    })?;
     let fits = |text: &str| text.chars().count() <= MAX_LABEL_LENGTH;
-    if labels.len() > MAX_LABELS {
-        return Err(format!(
-            "has {} labels, at most {MAX_LABELS} are allowed",
-            labels.len()
-        ));
+    let mut labels = BTreeMap::new();
+    for (key, value) in given {
+        match value {
+            Value::String(value) if !key.is_empty() && fits(&key) && fits(&value) => {
+                labels.insert(key, value);
+            }
+            _ => {
+                let detail = format!(
+                    "must be a string of at most {MAX_LABEL_LENGTH} characters, with a name of 1 \
+                     to {MAX_LABEL_LENGTH}"
+                );
+                members.fault_within("labels", &key, detail);
+            }
+        }
     }
-    if !labels
-        .iter()
-        .all(|(key, value)| !key.is_empty() && fits(key) && fits(value))
-    {
-        return Err(format!(
-            "keys and values have at most {MAX_LABEL_LENGTH} characters, keys at least 1"
-        ));
-    }
-    Ok(labels)
+    Some(labels)
 }
 
 fn lay_over(base: &mut Value, given: Map<String, Value>) {

@@ -10,10 +10,9 @@ use serde_json::{Map, Value, json};
 use super::AppState;
 use super::cloud_files;
 use super::error::{ApiError, Code, Result};
-use super::estimate::Estimate;
 use super::extract::{Id, Members, NoQuery, Query, switch, text};
 use super::idempotency::{self, Attempt, Begun, kept_headers};
-use super::inspect::{self, Labels};
+use super::inspect;
 use super::job_json::{answer, poll, represent};
 use super::job_request::{JobRequest, labels_of, preset_named};
 use super::page::{Page, PageOf};
@@ -45,7 +44,7 @@ pub(super) async fn create(
         Payload::File(upload, job) => {
             key.content(upload.spooled.sha256.as_bytes());
             key.content(job.as_deref().unwrap_or_default());
-            (members_of(job.as_deref())?, Some(upload))
+            (members_of("part job", job.as_deref())?, Some(upload))
         }
     };
     let asked = JobRequest::new(members, preset)?;
@@ -130,7 +129,7 @@ pub(super) async fn cancel(
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
     let body = upload::json(&app, request, JSON_LIMIT).await?;
     key.content(&body);
-    members_of(Some(&body))?.finish()?;
+    members_of("the body", Some(&body))?.finish()?;
     let attempt = match key.begin(&app).await? {
         Begun::Replay(response) => return Ok(response),
         Begun::New(attempt) => attempt,
@@ -152,7 +151,7 @@ pub(super) async fn retry(
     key.admit(&app).await?;
     let body = upload::json(&app, request, JSON_LIMIT).await?;
     key.content(&body);
-    let members = members_of(Some(&body))?;
+    let members = members_of("the body", Some(&body))?;
     let attempt = match key.begin(&app).await? {
         Begun::Replay(response) => return Ok(response),
         Begun::New(attempt) => attempt,
@@ -206,21 +205,13 @@ async fn estimate(app: &AppState, asked: &JobRequest, upload: Option<&Upload>) -
         (None, Some(id)) => labels_of(&find_cloud(app, id).await?),
         (None, None) => None,
     };
-    asked.check(&app.config, labels)?;
-    let budget = Labels {
-        surface: asked.settings.sampling.surface_points as u64,
-        interior: 0,
-        exterior: 0,
-    };
-    let labels = labels.unwrap_or(budget);
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let threads = app.config.worker_threads(cores);
+    let estimate = asked.check(&app.config, labels)?;
     Ok(Json(json!({
         "dry_run": true,
         "cloud_id": asked.cloud_id,
         "preset": asked.preset,
         "settings": asked.settings,
-        "estimate": Estimate::new(&asked.settings, &labels, threads),
+        "estimate": estimate,
     }))
     .into_response())
 }
@@ -235,11 +226,11 @@ fn check_one_cloud(asked: &JobRequest, upload: Option<&Upload>, dry_run: bool) -
     }
 }
 
-/// The members of a body that may be empty.
-fn members_of(body: Option<&[u8]>) -> Result<Members> {
+/// The members of a part that may be empty.
+fn members_of(part: &str, body: Option<&[u8]>) -> Result<Members> {
     match body {
         None | Some([]) => Ok(Map::<String, Value>::new().into()),
-        Some(body) => Members::of(body),
+        Some(body) => Members::of_part(part, body),
     }
 }
 

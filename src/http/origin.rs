@@ -63,8 +63,13 @@ fn check(config: &Config, request: &Request) -> Result<()> {
             .is_some_and(|(authority, host)| authority.eq_ignore_ascii_case(host))
     });
     if across || elsewhere {
-        let detail = "a page of another site sent this; requests that change something are taken \
-                      from pages of this service, and from clients that are no browser";
+        let detail = format!(
+            "a page of {:.200} sent this to {:.200}; requests that change something are taken from \
+             pages of this service, and from clients that are no browser; a proxy before it must \
+             pass Host on, and --allowed-hosts name it",
+            origin.unwrap_or("another site"),
+            host.unwrap_or("a service without a name")
+        );
         return Err(ApiError::new(Code::CrossOriginRefused, detail));
     }
     Ok(())
@@ -190,6 +195,10 @@ mod tests {
             }
             let checked = check(&config(&[]), &request.body(Body::empty()).unwrap());
             assert_eq!(checked.is_ok(), expected, "{method} {origin:?} {site:?}");
+            let detail =
+                checked.map_or_else(|error| error.document(None).to_string(), |()| String::new());
+            let named = origin.unwrap_or("another site");
+            assert!(expected || detail.contains(named), "{detail}");
         }
     }
 }

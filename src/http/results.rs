@@ -61,9 +61,15 @@ fn succeeded(job: Job) -> Result<Job> {
             )
             .retry_after(seconds.ceil() as u32))
         }
-        Status::Failed | Status::Cancelled => Err(ApiError::new(
-            Code::NotFound,
-            format!("the job is {}: it has no result", job.status),
-        )),
+        Status::Failed | Status::Cancelled => {
+            let code = job.error.map(|error| format!(" ({})", error.code));
+            let detail = format!(
+                "the job is {}{}: it has no result; POST /v1/jobs/{}/retry makes another one of it",
+                job.status,
+                code.unwrap_or_default(),
+                job.id
+            );
+            Err(ApiError::new(Code::NotFound, detail))
+        }
     }
 }

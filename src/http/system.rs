@@ -11,7 +11,7 @@ use serde_json::{Map, Value, json};
 
 use super::error::{ApiError, Code, Result};
 use super::extract::{MAX_WAIT_SECONDS, NoQuery};
-use super::job_request::{MAX_LABEL_LENGTH, MAX_LABELS, grid_limit_bytes};
+use super::job_request::{MAX_LABEL_LENGTH, MAX_LABELS};
 use super::server::MAX_HEAD_BYTES;
 use super::spool::MAX_EXPANSION;
 use super::time::rfc3339;
@@ -62,7 +62,8 @@ pub(super) async fn limits(State(app): State<AppState>, _: NoQuery) -> Response 
         "labels": MAX_LABELS,
         "label_characters": MAX_LABEL_LENGTH,
         "chosen_evaluations": MAX_CHOSEN_EVALUATIONS,
-        "grid_bytes": grid_limit_bytes(config),
+        "grid_bytes": config.job_memory_bytes(),
+        "training_bytes": config.job_memory_bytes(),
         "worker_memory_bytes": config.worker_memory_bytes(),
         "queued_jobs": config.queue_limit,
         "job_seconds": config.job_time_limit_seconds,

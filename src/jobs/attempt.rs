@@ -182,7 +182,12 @@ impl FailureReason {
             ),
             Self::OutOfMemory { limit_bytes } => (
                 "out_of_memory",
-                format!("the worker needed more than {limit_bytes} bytes of memory"),
+                format!(
+                    "the worker needed more than {} MiB of memory; lower network.width, \
+                     training.history or the budgets of sampling, or give workers more with \
+                     --worker-memory-mib",
+                    limit_bytes >> 20
+                ),
             ),
             Self::LeaseExpired => (
                 "worker_crashed",
@@ -195,7 +200,8 @@ impl FailureReason {
         Problem {
             code: code.to_owned(),
             detail: format!("{what}; {failures} attempts failed"),
-            retryable: true,
+            // The same job needs the same memory.
+            retryable: !matches!(self, Self::OutOfMemory { .. }),
             errors: Vec::new(),
         }
     }

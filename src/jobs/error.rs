@@ -13,7 +13,7 @@ use super::CloudId;
 #[non_exhaustive]
 pub enum Error {
     /// Another writer held the database for longer than the busy timeout.
-    #[error("the database is busy")]
+    #[error("the database is busy: another process holds it; try again in a moment")]
     Busy,
     /// The disk is full or refuses to be written.
     #[error("the disk is full or cannot be written: {0}")]

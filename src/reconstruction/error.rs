@@ -14,10 +14,11 @@ pub enum Error {
     /// The settings are out of bounds or contradict each other or the cloud.
     #[error(transparent)]
     Settings(#[from] settings::Error),
-    /// The loss or the parameters stopped being finite.
+    /// The loss or its gradient stopped being finite.
     #[error(
-        "training diverged at evaluation {evaluation}: the loss is {loss}; try a smaller \
-         training.learning_rate, normalised coordinates or another scheme"
+        "training diverged at evaluation {evaluation}: {}; try a smaller training.learning_rate, \
+         normalised coordinates or another scheme",
+        not_finite(*loss)
     )]
     TrainingDiverged {
         /// Function evaluation at which it happened.
@@ -66,5 +67,28 @@ impl Error {
             Self::Interrupted => "interrupted",
             Self::Threads { .. } | Self::Libtorch(_) => "internal",
         }
+    }
+}
+
+fn not_finite(loss: f64) -> String {
+    if loss.is_finite() {
+        format!("the loss is {loss}, but its gradient is not finite")
+    } else {
+        format!("the loss is {loss}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn divergence_names_what_is_not_finite() {
+        let said = |loss| {
+            let evaluation = 7;
+            Error::TrainingDiverged { evaluation, loss }.to_string()
+        };
+        assert!(said(f64::NAN).contains("evaluation 7: the loss is NaN; try"));
+        assert!(said(3.5).contains("the loss is 3.5, but its gradient is not finite; try"));
     }
 }

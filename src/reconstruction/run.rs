@@ -233,7 +233,9 @@ impl<'a> Mesher<'a> {
         );
         if mesh.triangles.is_empty() {
             return Err(Error::NoSurface(
-                "no point of the cloud lies near any component of its zero set".to_owned(),
+                "no point of the cloud lies near any component of its zero set; try more \
+                 training.max_evaluations, or surface.components all"
+                    .to_owned(),
             ));
         }
         report.dropped(dropped, &self.prepared.frame);

@@ -34,7 +34,7 @@ const ROOMS: &[Room] = &[
         ],
     },
     Room {
-        place: "src/config.rs",
+        place: "src/config",
         refused: &[
             "crate::cli",
             "crate::jobs",

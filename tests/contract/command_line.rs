@@ -298,3 +298,15 @@ fn presets_are_complete_settings() {
     assert_eq!(all["paper"]["training"]["learning_rate"], 0.1);
     assert_eq!(all.as_object().unwrap().len(), 4);
 }
+
+#[test]
+fn a_service_that_cannot_start_names_the_flag() {
+    let folder = TempDir::new().unwrap();
+    let folder = folder.path();
+    let message = fail(folder, &["serve", "--data-dir=/dev/null/data"], 1);
+    assert!(message.contains("--data-dir /dev/null/data: "), "{message}");
+    let message = fail(folder, &["serve", "--worker-memory-mib=230"], 2);
+    assert!(message.contains("at least 288"), "{message}");
+    let help = succeed(folder, &["presets", "--help"]);
+    assert!(help.contains("arXiv") && !help.contains('\\'), "{help}");
+}

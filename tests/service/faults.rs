@@ -193,6 +193,24 @@ async fn a_server_that_drains_is_still_heard() {
 }
 
 #[tokio::test]
+async fn a_computation_that_is_left_at_the_end_is_no_error() {
+    let folder = Folder::new().await;
+    let mut server = folder
+        .serve(&["--script=hang", "--grace-milliseconds=300"])
+        .await;
+    let id = folder.submit(json!({})).await;
+    folder.running(&id).await;
+    kill_process(server.pid(), Signal::TERM).unwrap();
+    assert!(server.ended().await.success());
+    let log = server.log();
+    assert!(
+        log.contains("its job is given back") && !log.contains("ERROR"),
+        "{log}"
+    );
+    assert_eq!(folder.job(&id).await.status, Status::Queued);
+}
+
+#[tokio::test]
 async fn a_job_that_its_user_erased_is_no_loss() {
     let folder = Folder::new().await;
     let server = folder.serve(&["--script=sleep:60"]).await;

@@ -222,9 +222,9 @@ async fn every_fault_of_a_request_is_told_at_its_place() {
             vec!["/settings", "/labels"],
         ),
         (
-            json!({"cloud_id": cloud, "labels": {"a": "x".repeat(65)}}),
+            json!({"cloud_id": cloud, "labels": {"a": "x".repeat(65), "b": 1, "c": "d"}}),
             "request_invalid",
-            vec!["/labels"],
+            vec!["/labels/a", "/labels/b"],
         ),
         (
             json!({"cloud_id": format!("cld_{}", "0".repeat(32))}),
@@ -246,6 +246,11 @@ async fn every_fault_of_a_request_is_told_at_its_place() {
             "grid_too_large",
             vec!["/settings/surface/resolution"],
         ),
+        (
+            json!({"cloud_id": cloud, "settings": {"training": {"max_evaluations": 9, "snapshot_evaluations": [9, 10]}}}),
+            "settings_conflict",
+            vec!["/settings/training/snapshot_evaluations"],
+        ),
     ];
     for (body, code, pointers) in cases {
         let problem = service
@@ -260,6 +265,13 @@ async fn every_fault_of_a_request_is_told_at_its_place() {
             .collect();
         assert_eq!(found, pointers, "{problem}");
     }
+    assert_eq!(service.get("/v1/jobs").await.json()["items"], json!([]));
+}
+
+#[tokio::test]
+async fn what_cannot_be_read_as_a_request_is_told_by_its_part() {
+    let service = Service::new().await;
+    let cloud = service.upload().await;
     let malformed = Request::post("/v1/jobs")
         .header("content-type", "application/json")
         .body("{".into());
@@ -273,8 +285,22 @@ async fn every_fault_of_a_request_is_told_at_its_place() {
         .await
         .expect_problem(413, "body_too_large");
     let query = service.post_json("/v1/jobs?dry_rum=1", &json!({})).await;
-    query.expect_problem(422, "request_invalid");
+    let problem = query.expect_problem(422, "request_invalid");
+    let detail = "is unknown; known are: dry_run, preset; did you mean dry_run?";
+    assert_eq!(problem["errors"][0]["detail"], detail);
     let body = sphere_xyz(60, 0.0);
+    let broken = [("file", "", body.as_bytes()), ("job", "", b"{".as_slice())];
+    let problem = service
+        .send(form_request("/v1/jobs", &broken))
+        .await
+        .expect_problem(400, "malformed_json");
+    assert!(
+        problem["detail"]
+            .as_str()
+            .unwrap()
+            .starts_with("part job: "),
+        "{problem}"
+    );
     let both = json!({"cloud_id": cloud}).to_string();
     let both = form_request(
         "/v1/jobs",

@@ -150,7 +150,10 @@ async fn results_follow_the_state_of_the_job() {
     let claim = service.claim().await;
     service.fail(&claim, "no_surface").await;
     for path in &paths {
-        service.get(path).await.expect_problem(404, "not_found");
+        let problem = service.get(path).await.expect_problem(404, "not_found");
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.contains("failed (no_surface)"), "{detail}");
+        assert!(detail.contains(&format!("/v1/jobs/{id}/retry")), "{detail}");
     }
     service.delete(&format!("/v1/jobs/{id}")).await.expect(204);
     for path in &paths {
@@ -222,10 +225,11 @@ async fn the_field_is_evaluated_in_the_coordinates_of_the_cloud() {
         .json();
     assert_eq!(only, json!({"values": answer["values"]}));
 
-    let bad = json!({"points": [[0, 0]], "gradient": true});
+    let bad = json!({"points": [[0, 0, 0], [0, 0]], "gradient": true});
     let problem = service.post_json(&path, &bad).await;
     let problem = problem.expect_problem(422, "request_invalid");
-    assert_eq!(problem["errors"].as_array().unwrap().len(), 2, "{problem}");
+    let pointers = [0, 1].map(|i| problem["errors"][i]["pointer"].clone());
+    assert_eq!(pointers, ["/points/1", "/gradient"], "{problem}");
     let many = json!({"points": vec![[0.0; 3]; 100_001]});
     service
         .post_json(&path, &many)

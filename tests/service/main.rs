@@ -5,6 +5,7 @@ mod faults;
 mod full_disk;
 mod http_clouds;
 mod http_contract;
+mod http_costs;
 mod http_door;
 mod http_events;
 mod http_idempotency;

@@ -290,7 +290,12 @@ async fn the_third_failed_attempt_is_the_last_and_a_release_counts_for_none() {
         (job.status, job.failures, job.attempt),
         (Status::Failed, 3, 4)
     );
-    assert_eq!(job.error.unwrap().code, "out_of_memory");
+    let error = job.error.unwrap();
+    assert_eq!(
+        (error.code.as_str(), error.retryable),
+        ("out_of_memory", false)
+    );
+    assert!(error.detail.contains("--worker-memory-mib"), "{error:?}");
     assert_eq!(
         bench.event_names(&id).await,
         [

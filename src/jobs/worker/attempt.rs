@@ -146,7 +146,12 @@ impl<'a> Attempt<'a> {
                 }
                 () = &mut overdue => {
                     let job = self.claim.job_id();
-                    tracing::error!(%job, "the computation does not stop; the process ends itself");
+                    // A release is planned, and loses no more than the time since the last checkpoint.
+                    if control.reason() == Some(Stop::Release) {
+                        tracing::info!(%job, "the computation is left; its job is given back");
+                    } else {
+                        tracing::error!(%job, "the computation does not stop; the process ends itself");
+                    }
                     return End::Hung;
                 }
             }

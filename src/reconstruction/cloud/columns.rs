@@ -22,6 +22,8 @@ pub(super) const MAX_COLUMNS: usize = 4096;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::reconstruction) struct Columns {
     slots: Vec<Option<usize>>,
+    /// Whether some components of normals are there, but not all.
+    incomplete_normals: bool,
 }
 
 impl Columns {
@@ -38,15 +40,17 @@ impl Columns {
         };
         let names = names.into_iter().take(MAX_COLUMNS);
         let mut slots: Vec<_> = names.map(&mut slot).collect();
-        if !taken[3..6].iter().all(|&taken| taken) {
+        let components = taken[3..6].iter().filter(|&&taken| taken).count();
+        let incomplete_normals = (1..3).contains(&components);
+        if incomplete_normals {
             for slot in &mut slots {
                 *slot = slot.filter(|slot| !(3..6).contains(slot));
             }
         }
-        taken[..3]
-            .iter()
-            .all(|&taken| taken)
-            .then_some(Self { slots })
+        taken[..3].iter().all(|&taken| taken).then_some(Self {
+            slots,
+            incomplete_normals,
+        })
     }
 
     /// The given slots in the first columns, then columns that are not used, `width` in all.
@@ -54,6 +58,7 @@ impl Columns {
         let leading = slots.iter().copied().map(Some);
         Self {
             slots: leading.chain(std::iter::repeat(None)).take(width).collect(),
+            incomplete_normals: false,
         }
     }
 
@@ -78,7 +83,12 @@ impl Columns {
 
     /// A collector of what these columns hold.
     pub(super) fn collector<'a>(&self, limits: &'a Limits) -> Collector<'a> {
-        Collector::new(limits, self.has_normals(), self.holds(6))
+        let mut collector = Collector::new(limits, self.has_normals(), self.holds(6));
+        if self.incomplete_normals {
+            let message = "normals are not used: they have not all of nx, ny and nz";
+            collector.warn("normals_ignored", message);
+        }
+        collector
     }
 
     /// Reads lines of values as rows until the lines end.

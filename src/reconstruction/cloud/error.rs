@@ -24,7 +24,10 @@ pub enum Error {
         limit: usize,
     },
     /// The points span no volume.
-    #[error("the points {0}, so there is no surface around them")]
+    #[error(
+        "the points {0}, so there is no surface around them; give points on all sides of a solid, \
+         not far from the origin"
+    )]
     Degenerate(&'static str),
     /// Too many coordinates are NaN or infinite.
     #[error("{dropped} of {total} points have coordinates that are not finite; at most 1 % may")]

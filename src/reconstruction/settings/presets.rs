@@ -19,7 +19,8 @@ pub enum Preset {
     Balanced,
     /// More points, more training, a finer grid.
     Fine,
-    /// The runs of \[N24\]: coordinates as given, binary targets on labelled points, dense 70³ grid.
+    /// The paper's runs (arXiv:2407.08134): coordinates as given, binary targets on labelled
+    /// points, dense 70³ grid.
     Paper,
 }
 

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::domain::{MAX_CHOSEN_EVALUATIONS, names, refuse};
-use super::{BOUNDS, Error, Preset, Settings, Violation};
+use super::{BOUNDS, Error, Preset, Settings, Training, Violation};
 use crate::nearest::did_you_mean;
 
 /// What is wrong with asking for the fused engine where there is none.
@@ -52,17 +52,7 @@ impl Settings {
     }
 
     fn check_lists(&self, violations: &mut Vec<Violation>) {
-        let training = &self.training;
-        for (pointer, evaluations) in [
-            (
-                "/training/histogram_evaluations",
-                &training.histogram_evaluations,
-            ),
-            (
-                "/training/snapshot_evaluations",
-                &training.snapshot_evaluations,
-            ),
-        ] {
+        for (pointer, evaluations) in self.training.chosen_evaluations() {
             if evaluations.len() > MAX_CHOSEN_EVALUATIONS
                 || evaluations.contains(&0)
                 || !evaluations.is_sorted_by(|a, b| a < b)
@@ -102,7 +92,27 @@ impl Settings {
                 "is above 512, the most for dense evaluation; choose sparse",
             );
         }
+        for (pointer, evaluations) in self.training.chosen_evaluations() {
+            let most = self.training.max_evaluations;
+            if let Some(last) = evaluations.last().filter(|last| **last > most) {
+                let detail = format!("has {last}, but training ends with max_evaluations {most}");
+                conflict(pointer, &detail);
+            }
+        }
         conflicts
+    }
+}
+
+impl Training {
+    /// The lists of evaluations, each with its pointer.
+    fn chosen_evaluations(&self) -> [(&'static str, &[u64]); 2] {
+        [
+            (
+                "/training/histogram_evaluations",
+                &self.histogram_evaluations,
+            ),
+            ("/training/snapshot_evaluations", &self.snapshot_evaluations),
+        ]
     }
 }
 

@@ -30,7 +30,8 @@ impl Grid {
         let smallest = (1e3 * f64::EPSILON * largest).max(f64::MIN_POSITIVE);
         if !(spacing.is_finite() && largest.is_finite() && spacing > smallest) {
             return Err(Error::NoSurface(format!(
-                "the box from {:?} to {:?} is too small or too far out for a grid",
+                "the box from {:?} to {:?} is too small or too far out for a grid; choose \
+                 sampling.frame normalized",
                 bounds.min, bounds.max
             )));
         }

@@ -154,7 +154,8 @@ fn check_signs(source: &Source<'_>) -> Result<(), Error> {
         return Ok(());
     };
     Err(Error::NoSurface(format!(
-        "it is {sign} on the grid, at {} points",
+        "it is {sign} on the grid, at {} points; see that normals point outwards, or try more \
+         training.max_evaluations or another training.seed",
         source.evaluations
     )))
 }

@@ -79,7 +79,9 @@ fn check_finite(value: f64, point: Vec3) -> Result<(), Error> {
     if value.is_finite() {
         Ok(())
     } else {
-        Err(Error::NoSurface(format!("it is {value} at {point:?}")))
+        Err(Error::NoSurface(format!(
+            "it is {value} at {point:?}; try a smaller training.learning_rate"
+        )))
     }
 }
 

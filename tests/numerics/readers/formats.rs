@@ -119,6 +119,20 @@ fn off_counts_may_follow_the_keyword() {
 }
 
 #[test]
+fn normals_without_all_components_are_told() {
+    let head = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n\
+                property float z\nproperty float nx\nproperty float ny\n";
+    let fewer = format!("{head}end_header\n1 2 3 0 1\n");
+    assert_eq!(warnings(fewer.as_bytes(), "a.ply"), ["normals_ignored"]);
+    assert_eq!(
+        warnings(b"x y z nx\n1 2 3 0\n", "a.csv"),
+        ["normals_ignored"]
+    );
+    let all = format!("{head}property float nz\nend_header\n1 2 3 0 1 0\n");
+    assert!(warnings(all.as_bytes(), "a.ply").is_empty());
+}
+
+#[test]
 fn obj_normals_of_another_numbering_are_not_used() {
     let crossed = b"v 1 2 3\nv 4 5 6 1\nvn 1 0 0\nvn 0 1 0\nf 1//2 2//1 1//2\n";
     assert_eq!(warnings(crossed, "a.obj"), ["normals_ignored"]);

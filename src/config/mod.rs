@@ -4,20 +4,23 @@
 //! default. There is one declaration of each setting, the field below: keys of the file are turned
 //! into the flags of the same name before the command line is read, see [`file_arguments`].
 
-use std::ffi::OsString;
+mod file;
+
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use clap::builder::Resettable;
-use clap::error::{ContextKind, ContextValue};
-use clap::{Args, Command};
+use clap::Args;
 use serde::Serialize;
-use thiserror::Error;
-use toml::de::{DeTable, DeValue};
 
-use crate::nearest::did_you_mean;
+pub use file::{FileError, file_arguments};
 
 const MIB: u64 = 1024 * 1024;
+
+/// Memory of a worker besides grid and training: program, libtorch, cloud.
+const WORKER_BASE_MIB: u64 = 256;
+
+/// Least memory of a worker: a job of the preset `fast` fits.
+const LEAST_WORKER_MIB: u64 = 288;
 
 /// Settings of `meshway serve`.
 #[derive(Debug, Clone, Serialize, Args)]
@@ -59,7 +62,8 @@ pub struct Config {
     pub body_limit_mib: u64,
 
     /// Most points of a cloud.
-    #[arg(long, env = "MESHWAY_MAX_POINTS", default_value_t = 5_000_000)]
+    #[arg(long, env = "MESHWAY_MAX_POINTS", default_value_t = 5_000_000,
+          value_parser = clap::value_parser!(u64).range(16..))]
     pub max_points: u64,
 
     /// Most jobs that wait; more get 503.
@@ -134,7 +138,13 @@ impl Config {
 
     /// Most memory of a worker in bytes; `None`: no limit.
     pub fn worker_memory_bytes(&self) -> Option<u64> {
-        (self.worker_memory_mib > 0).then_some(self.worker_memory_mib * MIB)
+        (self.worker_memory_mib > 0).then_some(self.worker_memory_mib.saturating_mul(MIB))
+    }
+
+    /// Memory that a worker has for the grid of a job, and for its training; `None`: no limit.
+    pub fn job_memory_bytes(&self) -> Option<u64> {
+        let all = self.worker_memory_bytes()?;
+        Some(all.saturating_sub(WORKER_BASE_MIB * MIB))
     }
 
     /// Threads of each worker on a machine with `cores`: together never more than the cores.
@@ -164,6 +174,13 @@ impl Config {
                 self.workers, self.threads_per_worker
             ));
         }
+        if (1..LEAST_WORKER_MIB).contains(&self.worker_memory_mib) {
+            problems.push(format!(
+                "--worker-memory-mib {}: no job fits; give at least {LEAST_WORKER_MIB}, or 0 for \
+                 no limit",
+                self.worker_memory_mib
+            ));
+        }
         problems
     }
 
@@ -176,87 +193,11 @@ impl Config {
     }
 }
 
-/// Why a configuration file is refused.
-#[derive(Debug, Error)]
-pub enum FileError {
-    /// Not TOML.
-    #[error("{0}")]
-    Syntax(#[from] toml::de::Error),
-    /// A key that no setting has, or a value that its setting does not take.
-    #[error("line {line}: {key} {detail}")]
-    Setting {
-        /// Line of the file, from 1.
-        line: usize,
-        /// The key.
-        key: String,
-        /// What is wrong with it, and what is allowed.
-        detail: String,
-    },
-}
-
-/// Turns the keys of a configuration file into flags of `command`, leaving out those that the
-/// environment sets: flags given later on the command line override them.
-///
-/// # Errors
-/// [`FileError`] for text that is no flat TOML, and for unknown keys.
-pub fn file_arguments(text: &str, command: &Command) -> Result<Vec<OsString>, FileError> {
-    let table = DeTable::parse(text)?;
-    // What the environment says is not the file's fault.
-    let alone = command
-        .clone()
-        .no_binary_name(true)
-        .mut_args(|argument| argument.env(Resettable::Reset));
-    let mut arguments = Vec::new();
-    for (key, value) in table.get_ref() {
-        let line = 1 + text[..key.span().start].matches('\n').count();
-        let key = key.get_ref().as_ref();
-        let wrong = |detail: String| FileError::Setting {
-            line,
-            key: key.to_owned(),
-            detail,
-        };
-        let known = || command.get_arguments().filter(|a| a.get_env().is_some());
-        let Some(argument) = known().find(|a| a.get_id().as_str() == key) else {
-            let known: Vec<_> = known().map(|a| a.get_id().as_str()).collect();
-            let meant = did_you_mean(key, known.iter().copied());
-            let known = known.join(", ");
-            return Err(wrong(format!("is unknown; known are: {known}{meant}")));
-        };
-        let value = match value.get_ref() {
-            DeValue::String(text) => text.clone().into_owned(),
-            DeValue::Integer(number) => number.to_string(),
-            DeValue::Float(number) => number.to_string(),
-            DeValue::Boolean(switch) => switch.to_string(),
-            _ => return Err(wrong("must be a string, a number or a boolean".to_owned())),
-        };
-        let flag = format!("--{}={value}", key.replace('_', "-"));
-        if let Err(error) = alone.clone().try_get_matches_from([&flag]) {
-            return Err(wrong(format!("is {value:?}: {}", reason(&error))));
-        }
-        let in_environment = argument
-            .get_env()
-            .is_some_and(|name| std::env::var_os(name).is_some());
-        if !in_environment {
-            arguments.push(flag.into());
-        }
-    }
-    Ok(arguments)
-}
-
-/// Why a value is refused, without what is said about flags.
-fn reason(error: &clap::Error) -> String {
-    let allowed = match error.get(ContextKind::ValidValue) {
-        Some(ContextValue::Strings(names)) => Some(format!("must be one of {}", names.join(", "))),
-        _ => None,
-    };
-    let source = || std::error::Error::source(error).map(ToString::to_string);
-    let reason = allowed.or_else(source);
-    reason.unwrap_or_else(|| error.kind().to_string())
-}
-
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+
+    use std::ffi::OsString;
 
     use super::*;
 
@@ -296,45 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_in_the_file_is_told_with_its_line() {
-        let command = <Program as clap::CommandFactory>::command();
-        for (wrong, said) in [
-            ("worker = 3", "worker is unknown; known are: listen, "),
-            ("worker = 3", "; did you mean workers?"),
-            (
-                "workers = \"many\"",
-                "workers is \"many\": invalid digit found in string",
-            ),
-            ("workers = 300", "workers is \"300\": 300 is not in 1..=256"),
-            ("workers = 1.5", "workers is \"1.5\": "),
-            (
-                "workers = [1]",
-                "workers must be a string, a number or a boolean",
-            ),
-            (
-                "log_format = \"xml\"",
-                "log_format is \"xml\": must be one of text, json",
-            ),
-            (
-                "listen = \"here\"",
-                "listen is \"here\": invalid socket address syntax",
-            ),
-            (
-                "allow_unauthenticated = 7",
-                "allow_unauthenticated is \"7\": ",
-            ),
-        ] {
-            let file = format!("# servers\nqueue_limit = 7\n{wrong}\n");
-            let error = file_arguments(&file, &command).unwrap_err().to_string();
-            assert!(error.starts_with("line 3: "), "{wrong}: {error}");
-            assert!(error.contains(said), "{wrong}: {error}");
-        }
-        let error = file_arguments("workers = \n", &command).unwrap_err();
-        assert!(error.to_string().contains("line 1"), "{error}");
-    }
-
-    #[test]
-    fn an_open_address_and_too_many_threads_are_problems() {
+    fn an_open_address_too_many_threads_and_too_little_memory_are_problems() {
         let config = parse(
             "",
             &[
@@ -344,6 +247,11 @@ mod tests {
             ],
         );
         assert_eq!(config.problems(2).len(), 2);
+        let small = parse("", &["--worker-memory-mib=287"]).problems(1);
+        assert!(small[0].contains("at least 288"), "{small:?}");
+        for enough in ["--worker-memory-mib=288", "--worker-memory-mib=0"] {
+            assert!(parse("", &[enough]).problems(1).is_empty());
+        }
         assert_eq!(parse("", &["--workers=2"]).worker_threads(8), 4);
     }
 }
