@@ -49,11 +49,8 @@ pub fn normals(
                 "all given normals are zero or not finite; they are estimated instead",
             ));
         }
-        let estimated = estimate(points, tree, neighbours.count());
-        return (
-            orient(points, &estimated, neighbours),
-            NormalSource::Estimated,
-        );
+        let estimated = orient(points, tree, neighbours).normals;
+        return (estimated, NormalSource::Estimated);
     }
     if missing > 0 {
         warnings.push(Warning::new(
@@ -83,7 +80,7 @@ pub fn normals(
 /// \[H92\] takes a fixed number of neighbours. Here several numbers are tried, from half of those
 /// in `neighbours` on, and the one whose points lie flattest is taken: thin parts ask for few,
 /// noise above the spacing for many.
-pub fn estimate(points: &[Vec3], tree: &Tree, neighbours: usize) -> Vec<Vec3> {
+pub(super) fn estimate(points: &[Vec3], tree: &Tree, neighbours: usize) -> Vec<Vec3> {
     points
         .par_iter()
         .map(|&p| plane(points, tree, p, neighbours))
@@ -147,11 +144,7 @@ fn replace_missing(
             .collect();
         if filled.is_empty() {
             // A group with no usable normal around it: its own best orientation.
-            let estimated = orient(
-                points,
-                &estimate(points, tree, neighbours.count()),
-                neighbours,
-            );
+            let estimated = orient(points, tree, neighbours).normals;
             for &i in &missing {
                 normals[i] = Some(estimated[i]);
             }
