@@ -49,16 +49,16 @@ fn compared(found: &[Vec3], truth: &[Vec3]) -> (f64, f64) {
 
 #[test]
 fn normals_of_bare_points_are_right() {
-    // The angles leave a third to what was measured. Normals from principal axes, signed along a
+    // The angles leave a quarter to what was measured. Normals from principal axes, signed along a
     // spanning tree, have 36° and 94 % for the ring of 300 points, 19° and 95 % for the hand of 300,
     // 18° and 91 % for that with noise.
     for (shape, points, noise, right, angle) in [
         (SPHERE, 300, 0.0, 1.0, 1.0),
         (RING, 300, 0.0, 0.99, 9.0),
-        (Shape::Hand, 300, 0.0, 0.99, 12.0),
+        (Shape::Hand, 300, 0.0, 0.99, 17.0),
         (Shape::Uterus, 300, 0.5, 0.99, 11.0),
-        (TORUS, 2_000, 0.5, 0.99, 5.0),
-        (Shape::Hand, 3_000, 1.0, 0.98, 20.0),
+        (TORUS, 1_000, 0.5, 0.99, 7.0),
+        (Shape::Hand, 1_500, 1.0, 0.97, 23.0),
     ] {
         let (points_of, truth) = drawn(shape, points, noise);
         let found = estimated(&points_of);
@@ -72,14 +72,14 @@ fn normals_of_bare_points_are_right() {
 
 #[test]
 fn points_beyond_those_paired_follow_their_field() {
-    let (points, truth) = drawn(Shape::Hand, 9_000, 0.0);
+    let (points, truth) = drawn(Shape::Hand, 6_000, 0.0);
     let (right, angle) = compared(&estimated(&points).normals, &truth);
     assert!(right > 0.999 && angle < 2.0, "{right}, {angle}°");
 }
 
 #[test]
 fn noise_is_told() {
-    for (shape, points) in [(SPHERE, 300), (TORUS, 3_000), (Shape::Uterus, 3_000)] {
+    for (shape, points) in [(SPHERE, 300), (TORUS, 1_500), (Shape::Uterus, 1_500)] {
         for (percent, least, most) in [(0.0, 0.0, 0.15), (0.5, 0.4, 0.65)] {
             let (points_of, _) = drawn(shape, points, percent);
             let diagonal = Bounds::of(&points_of).unwrap().diagonal();
@@ -125,4 +125,12 @@ fn neither_place_nor_scale_nor_threads_change_the_sides() {
             "{factor}, {shift}: {same}, {angle}°"
         );
     }
+}
+
+#[test]
+fn noise_above_the_spacing_is_looked_at_from_afar() {
+    // 100 neighbours of a point fill a ball within the noise and know no direction.
+    let (points, truth) = drawn(SPHERE, 30_000, 1.0);
+    let (right, angle) = compared(&estimated(&points).normals, &truth);
+    assert!(right > 0.999 && angle < 8.0, "{right}, {angle}°");
 }

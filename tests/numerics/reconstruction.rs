@@ -85,7 +85,7 @@ fn labelled_sphere() -> PointCloud {
 
 #[test]
 fn bare_points_of_a_sphere_give_the_sphere() {
-    let made = run(&points(&SPHERE, 500), &small(1_000)).unwrap();
+    let made = run(&points(&SPHERE, 800), &small(1_000)).unwrap();
     let distances: Vec<f64> = made
         .mesh
         .vertices

@@ -6,7 +6,7 @@ use meshway::reconstruction::sampling::winding::{Oriented, Winding};
 use meshway::reconstruction::sampling::{Frame, NormalSource, Prepared, prepare};
 use meshway::reconstruction::settings::Targets;
 use meshway::reconstruction::shapes::{Recipe, Shape, sample};
-use meshway::reconstruction::vector::{Bounds, Vec3, add, distance, dot, scale};
+use meshway::reconstruction::vector::{Bounds, Vec3, add, distance, scale};
 use meshway::reconstruction::{Error, Preset, Settings};
 use proptest::prelude::*;
 

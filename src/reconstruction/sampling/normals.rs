@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::neighbours::{Neighbourhoods, Tree};
+use super::neighbours::{Neighbourhoods, Tree, median};
 use super::orientation::{orient, points_inwards};
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::symmetric::eigen;
@@ -85,6 +85,21 @@ pub(super) fn estimate(points: &[Vec3], tree: &Tree, neighbours: usize) -> Vec<V
         .par_iter()
         .map(|&p| plane(points, tree, p, neighbours))
         .collect()
+}
+
+/// Median over `points` of the extent of the nearest `count` of them along the normal of their plane, as a
+/// share of that within it: near 0 on a clean surface, near 1 where noise makes it a cloud in space.
+pub(super) fn thickness(points: &[Vec3], tree: &Tree, count: usize) -> f64 {
+    let mut shares: Vec<f64> = points
+        .par_iter()
+        .map(|&p| {
+            let near = tree.nearest_n(p, count + 1);
+            let arms: Vec<Vec3> = near.into_iter().map(|(j, _)| sub(points[j], p)).collect();
+            let (values, _) = eigen(covariance(&arms));
+            (values[0].max(0.0) / values[1].max(f64::MIN_POSITIVE)).sqrt()
+        })
+        .collect();
+    median(&mut shares)
 }
 
 fn plane(points: &[Vec3], tree: &Tree, p: Vec3, neighbours: usize) -> Vec3 {

@@ -3,6 +3,11 @@
 //! In f32 and a vector of places at a time, with the widest vectors of the processor (`pulp`). Each place
 //! is summed over the sources in their order, so that the number of threads changes no bit.
 
+#![expect(
+    clippy::inline_always,
+    reason = "code compiles for an instruction set only inside the function that enables it"
+)]
+
 use std::f32::consts::PI;
 
 use pulp::{Arch, Simd, WithSimd};

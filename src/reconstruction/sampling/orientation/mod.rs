@@ -5,13 +5,15 @@ mod contradiction;
 mod dipoles;
 mod spanning;
 
+use rayon::prelude::*;
+
 use super::jets::{Jets, WIDEST};
 use super::neighbours::{Neighbourhoods, Tree, median};
-use super::normals::estimate;
+use super::normals::{estimate, thickness};
 use super::selection::even_subset;
 use super::winding::Oriented;
 use crate::reconstruction::random::{Purpose, stream};
-use crate::reconstruction::vector::Vec3;
+use crate::reconstruction::vector::{Vec3, add, dot, normalized};
 use consistency::Consistent;
 use contradiction::contradiction;
 
@@ -19,6 +21,18 @@ pub(super) use spanning::points_inwards;
 
 /// Most points between which all pairs are summed; the others follow their field.
 const MOST_PAIRED: usize = 5_000;
+
+/// Thickness from which on a cloud is seen as rough before anything is fitted.
+const THICK: f64 = 0.4;
+
+/// Above so many points, a rough cloud is looked at through fewer of them.
+const MANY: usize = 20_000;
+
+/// One of so many points is looked at then.
+const COARSENING: usize = 4;
+
+/// Nearest coarse points whose normals a point takes the mean of.
+const SHARED: usize = 8;
 
 /// Width of the kernel, in spacings, where there is no noise.
 const LEAST_WIDTH: f64 = 0.5;
@@ -66,6 +80,9 @@ pub struct Estimated {
 /// for; the noise is what local fits leave, and those give the directions too. Open sheets have no
 /// inside: their side comes from a spanning tree (\[H92\]), as where that contradicts itself much less.
 pub fn orient(points: &[Vec3], tree: &Tree, neighbours: &Neighbourhoods) -> Estimated {
+    if points.len() > MANY && thickness(points, tree, neighbours.count()) > THICK {
+        return coarser(points, neighbours.count());
+    }
     let cloud = Cloud::new(points, tree, neighbours);
     let flat = estimate(points, tree, neighbours.count());
     let spanned = spanning::propagated(points, &flat, neighbours);
@@ -79,6 +96,32 @@ pub fn orient(points: &[Vec3], tree: &Tree, neighbours: &Neighbourhoods) -> Esti
         spanned.into()
     } else {
         wound.into()
+    }
+}
+
+/// What an even subset tells. Its neighbourhoods are wider than the noise; those of the cloud, of the
+/// same number of points, are not.
+fn coarser(points: &[Vec3], count: usize) -> Estimated {
+    let fewer = points.len() / COARSENING;
+    let chosen = even_subset(points, fewer, &mut stream(0, Purpose::Selection));
+    let some: Vec<Vec3> = chosen.into_iter().map(|i| points[i]).collect();
+    let tree = Tree::new(&some);
+    let coarse = orient(&some, &tree, &Neighbourhoods::new(&tree, &some, count));
+    let normals = points
+        .par_iter()
+        .map(|p| {
+            let near = tree.nearest_n(*p, SHARED);
+            let first = coarse.normals[near[0].0];
+            let same = near
+                .iter()
+                .map(|&(i, _)| coarse.normals[i])
+                .filter(|normal| dot(*normal, first) > 0.0);
+            normalized(same.fold([0.0; 3], add)).unwrap_or(first)
+        })
+        .collect();
+    Estimated {
+        normals,
+        noise: coarse.noise,
     }
 }
 
@@ -129,7 +172,7 @@ impl<'a> Cloud<'a> {
             width = wanted;
             best = self.wound(width);
         }
-        if best.noise > ROUGH * self.spacing {
+        if self.rough(&best) {
             let mut least = self.contradiction(&best.normals);
             while width < WIDE {
                 let wider = self.wound(2.0 * width);
@@ -158,11 +201,15 @@ impl<'a> Cloud<'a> {
     /// Fits from oriented normals on; on rough clouds once more from what comes out.
     fn fitted(&self, normals: &[Vec3]) -> Jets {
         let jets = Jets::new(self.points, normals, &self.around, LEANING);
-        if jets.noise > ROUGH * self.spacing {
+        if self.rough(&jets) {
             Jets::new(self.points, &jets.normals, &self.around, ROUGH_LEANING)
         } else {
             jets
         }
+    }
+
+    fn rough(&self, jets: &Jets) -> bool {
+        jets.noise > ROUGH * self.spacing
     }
 
     fn contradiction(&self, normals: &[Vec3]) -> f64 {
