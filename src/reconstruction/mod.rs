@@ -11,6 +11,8 @@
 //!   SIGGRAPH 2018.
 //! - \[H92\] Hoppe, DeRose, Duchamp, McDonald, Stuetzle: Surface Reconstruction from Unorganized
 //!   Points, SIGGRAPH 1992.
+//! - \[LSL24\] Lin, Shi, Liu: Fast and Globally Consistent Normal Orientation Based on the Winding Number
+//!   Normal Consistency, ACM Transactions on Graphics 2024.
 //! - \[GB10\] Glorot, Bengio: Understanding the Difficulty of Training Deep Feedforward Neural
 //!   Networks, AISTATS 2010.
 //! - \[KB15\] Kingma, Ba: Adam: A Method for Stochastic Optimization, ICLR 2015.

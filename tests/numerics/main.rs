@@ -6,6 +6,7 @@ mod engines;
 mod mesh;
 mod network;
 mod optimiser;
+mod orientation;
 mod readers;
 mod reconstruction;
 mod sampling;

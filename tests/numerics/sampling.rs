@@ -2,13 +2,11 @@
 
 use meshway::reconstruction::cloud::{self, Label, PointCloud};
 use meshway::reconstruction::sampling::neighbours::{Neighbourhoods, Tree};
-use meshway::reconstruction::sampling::normals::estimate;
-use meshway::reconstruction::sampling::orientation::orient;
 use meshway::reconstruction::sampling::winding::{Oriented, Winding};
 use meshway::reconstruction::sampling::{Frame, NormalSource, Prepared, prepare};
 use meshway::reconstruction::settings::Targets;
 use meshway::reconstruction::shapes::{Recipe, Shape, sample};
-use meshway::reconstruction::vector::{Bounds, Vec3, add, distance, dot, scale};
+use meshway::reconstruction::vector::{Bounds, Vec3, add, distance, scale};
 use meshway::reconstruction::{Error, Preset, Settings};
 use proptest::prelude::*;
 
@@ -134,35 +132,6 @@ fn the_winding_number_is_one_inside_and_zero_outside() {
                 assert!((found - winding.direct(q)).abs() < 0.02);
             }
         }
-    }
-}
-
-#[test]
-fn estimated_normals_point_outwards() {
-    for (shape, points, noise_percent) in [
-        (SPHERE, 300, 0.0),
-        (TORUS, 1_000, 0.0),
-        (TORUS, 2_000, 0.5),
-        (Shape::Hand, 2_000, 0.0),
-    ] {
-        let recipe = Recipe {
-            points,
-            noise_percent,
-            normals: true,
-            ..Recipe::default()
-        };
-        let cloud = sample(&shape, &recipe);
-        let tree = Tree::new(&cloud.points);
-        let near = Neighbourhoods::new(&tree, &cloud.points, 16);
-        let found = orient(&cloud.points, &estimate(&cloud.points, &tree, 16), &near);
-        let truth = cloud.normals.unwrap();
-        let right = found
-            .iter()
-            .zip(&truth)
-            .filter(|(a, b)| dot(**a, **b) > 0.0)
-            .count();
-        // One in a hundred may lie on a fold between two fingers or be turned by noise.
-        assert!(right * 100 >= points * 99, "{shape}: {right} of {points}");
     }
 }
 

@@ -5,6 +5,7 @@
 //! subset within the budget.
 
 pub mod frame;
+pub mod jets;
 pub mod neighbours;
 pub mod normals;
 pub mod orientation;

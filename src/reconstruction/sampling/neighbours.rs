@@ -146,8 +146,17 @@ impl Neighbourhoods {
     }
 }
 
+/// The middle one of `values` in their order; 0 without values.
+pub(super) fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return 0.0;
+    }
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
 /// Two unit vectors that make a right-handed basis with the unit vector `normal`.
-fn tangents(normal: Vec3) -> (Vec3, Vec3) {
+pub(super) fn tangents(normal: Vec3) -> (Vec3, Vec3) {
     let axis = if normal[0].abs() < 0.6 {
         [1.0, 0.0, 0.0]
     } else {

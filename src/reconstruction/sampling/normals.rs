@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::neighbours::{Neighbourhoods, Tree};
+use super::neighbours::{Neighbourhoods, Tree, median};
 use super::orientation::{orient, points_inwards};
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::symmetric::eigen;
@@ -49,11 +49,8 @@ pub fn normals(
                 "all given normals are zero or not finite; they are estimated instead",
             ));
         }
-        let estimated = estimate(points, tree, neighbours.count());
-        return (
-            orient(points, &estimated, neighbours),
-            NormalSource::Estimated,
-        );
+        let estimated = orient(points, tree, neighbours).normals;
+        return (estimated, NormalSource::Estimated);
     }
     if missing > 0 {
         warnings.push(Warning::new(
@@ -83,11 +80,26 @@ pub fn normals(
 /// \[H92\] takes a fixed number of neighbours. Here several numbers are tried, from half of those
 /// in `neighbours` on, and the one whose points lie flattest is taken: thin parts ask for few,
 /// noise above the spacing for many.
-pub fn estimate(points: &[Vec3], tree: &Tree, neighbours: usize) -> Vec<Vec3> {
+pub(super) fn estimate(points: &[Vec3], tree: &Tree, neighbours: usize) -> Vec<Vec3> {
     points
         .par_iter()
         .map(|&p| plane(points, tree, p, neighbours))
         .collect()
+}
+
+/// Median over `points` of the extent of the nearest `count` of them along the normal of their plane, as a
+/// share of that within it: near 0 on a clean surface, near 1 where noise makes it a cloud in space.
+pub(super) fn thickness(points: &[Vec3], tree: &Tree, count: usize) -> f64 {
+    let mut shares: Vec<f64> = points
+        .par_iter()
+        .map(|&p| {
+            let near = tree.nearest_n(p, count + 1);
+            let arms: Vec<Vec3> = near.into_iter().map(|(j, _)| sub(points[j], p)).collect();
+            let (values, _) = eigen(covariance(&arms));
+            (values[0].max(0.0) / values[1].max(f64::MIN_POSITIVE)).sqrt()
+        })
+        .collect();
+    median(&mut shares)
 }
 
 fn plane(points: &[Vec3], tree: &Tree, p: Vec3, neighbours: usize) -> Vec3 {
@@ -147,11 +159,7 @@ fn replace_missing(
             .collect();
         if filled.is_empty() {
             // A group with no usable normal around it: its own best orientation.
-            let estimated = orient(
-                points,
-                &estimate(points, tree, neighbours.count()),
-                neighbours,
-            );
+            let estimated = orient(points, tree, neighbours).normals;
             for &i in &missing {
                 normals[i] = Some(estimated[i]);
             }

@@ -1,7 +1,7 @@
 //! The way from a cloud to its samples, step by step.
 
 use super::frame::Frame;
-use super::neighbours::{Neighbourhoods, Tree};
+use super::neighbours::{Neighbourhoods, Tree, median};
 use super::oriented::OrientedSurface;
 use super::samples::{Grading, Sampler};
 use super::selection::{Split, distinct, even_subset};
@@ -305,9 +305,7 @@ fn warn_of_one_side(training: &Samples, warnings: &mut Vec<Warning>) {
 /// Median over `points` of the local spacing.
 fn median_spacing(points: &[Vec3]) -> f64 {
     let tree = Tree::new(points);
-    let mut spacings = Neighbourhoods::new(&tree, points, 6).spacings(points);
-    let middle = spacings.len() / 2;
-    *spacings.select_nth_unstable_by(middle, f64::total_cmp).1
+    median(&mut Neighbourhoods::new(&tree, points, 6).spacings(points))
 }
 
 fn pick<T: Copy>(items: &[T], positions: &[usize]) -> Vec<T> {

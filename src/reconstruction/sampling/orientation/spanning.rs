@@ -1,18 +1,14 @@
 //! From undirected normals to outward ones: propagation along a spanning tree, then the sign of
 //! the enclosed volume.
-//!
-//! Everything else sees only [`orient`], so that a better method can take its place.
 
-use super::neighbours::Neighbourhoods;
-use super::winding::{Oriented, Winding};
-use crate::reconstruction::vector::{Vec3, add, along, dot, normalized, scale, sub};
+use super::contradiction::contradiction;
+use crate::reconstruction::sampling::neighbours::Neighbourhoods;
+use crate::reconstruction::sampling::winding::Oriented;
+use crate::reconstruction::vector::{Vec3, add, along, dot, norm, normalized, scale, sub};
 
 /// Below this share of the largest volume that a piece could enclose, its volume has no clear sign
 /// and its extreme point decides: an open, nearly flat piece.
 const CLEAR_VOLUME: f64 = 0.02;
-
-/// Most points around which a result is judged.
-const MOST_PROBES: usize = 4_000;
 
 /// How the normals at the two ends of an edge are compared.
 #[derive(Debug, Clone, Copy)]
@@ -34,7 +30,11 @@ enum Rule {
 /// \[H92\] weighs an edge with 1 - |nᵢ·nⱼ|. Here the reflected normal n' = nⱼ - 2 (e·nⱼ) e, e the unit
 /// edge, is tried as well, and both on the whole graph and on its shorter half; the result is taken
 /// whose winding number is nearest to 1 on the inner and to 0 on the outer side.
-pub fn orient(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) -> Vec<Vec3> {
+pub(super) fn propagated(
+    points: &[Vec3],
+    normals: &[Vec3],
+    neighbours: &Neighbourhoods,
+) -> Vec<Vec3> {
     let spacings = neighbours.spacings(points);
     let mut best = (f64::INFINITY, normals.to_vec());
     for rule in [Rule::Reflected, Rule::Parallel] {
@@ -53,26 +53,6 @@ pub fn orient(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) ->
         }
     }
     best.1
-}
-
-/// Mean squared departure of the winding number from 1 one spacing inside each point, and from 0 one
-/// spacing outside; over some of the points where they are many.
-fn contradiction(oriented: Oriented<'_>) -> f64 {
-    let winding = Winding::new(oriented);
-    let every = oriented.points.len().div_ceil(MOST_PROBES);
-    let departure = |sign: f64, expected: f64| -> f64 {
-        let probes: Vec<Vec3> = (0..oriented.points.len())
-            .step_by(every)
-            .map(|i| {
-                let step = sign * oriented.spacings[i];
-                along(oriented.points[i], step, oriented.normals[i])
-            })
-            .collect();
-        let found = winding.at_all(&probes);
-        let sum: f64 = found.iter().map(|w| (w - expected) * (w - expected)).sum();
-        sum / probes.len() as f64
-    };
-    departure(-1.0, 1.0) + departure(1.0, 0.0)
 }
 
 /// An edge of the neighbour graph: cost, ends, and whether its normals should be opposite.
@@ -144,27 +124,14 @@ impl Rule {
 }
 
 /// Whether the normals of a piece point inwards as a whole.
-pub(super) fn points_inwards(
+pub(in crate::reconstruction::sampling) fn points_inwards(
     points: &[Vec3],
     normals: &[Vec3],
     piece: &[usize],
     neighbours: &Neighbourhoods,
 ) -> bool {
-    let centre = scale(
-        piece.iter().fold([0.0; 3], |sum, &i| add(sum, points[i])),
-        1.0 / piece.len() as f64,
-    );
-    // ∫ (p - c)·n dA is three times the enclosed volume.
-    let (mut volume, mut most) = (0.0, 0.0);
-    for &i in piece {
-        let arm = sub(points[i], centre);
-        let area = neighbours.of(i).last().map_or(0.0, |j| {
-            dot(sub(points[j], points[i]), sub(points[j], points[i]))
-        });
-        volume += area * dot(arm, normals[i]);
-        most += area * dot(arm, arm).sqrt();
-    }
-    if volume.abs() > CLEAR_VOLUME * most {
+    let volume = enclosed(points, normals, piece, neighbours);
+    if volume.abs() > CLEAR_VOLUME {
         return volume < 0.0;
     }
     let votes = (0..3).map(|axis| {
@@ -178,6 +145,36 @@ pub(super) fn points_inwards(
         extreme(1.0) + extreme(-1.0)
     });
     votes.sum::<f64>() < 0.0
+}
+
+/// Whether the normals of all points enclose no clear volume: an open, nearly flat piece.
+pub(super) fn open(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) -> bool {
+    let all: Vec<usize> = (0..points.len()).collect();
+    enclosed(points, normals, &all, neighbours).abs() <= CLEAR_VOLUME
+}
+
+/// Volume that the normals of a piece enclose, as a share of the most that it could.
+fn enclosed(
+    points: &[Vec3],
+    normals: &[Vec3],
+    piece: &[usize],
+    neighbours: &Neighbourhoods,
+) -> f64 {
+    let centre = scale(
+        piece.iter().fold([0.0; 3], |sum, &i| add(sum, points[i])),
+        1.0 / piece.len() as f64,
+    );
+    // ∫ (p - c)·n dA is three times the enclosed volume.
+    let (mut volume, mut most) = (0.0, f64::MIN_POSITIVE);
+    for &i in piece {
+        let arm = sub(points[i], centre);
+        let area = neighbours.of(i).last().map_or(0.0, |j| {
+            dot(sub(points[j], points[i]), sub(points[j], points[i]))
+        });
+        volume += area * dot(arm, normals[i]);
+        most += area * norm(arm);
+    }
+    volume / most
 }
 
 /// Disjoint trees whose members know whether their normal is opposite to their root's.

@@ -1,0 +1,181 @@
+//! Directions of normals by local fits of height fields, with neighbourhoods chosen by
+//! cross-validation; and the noise, which is what the fits leave.
+
+use std::iter;
+
+use rayon::prelude::*;
+
+use super::neighbours::{Neighbourhoods, median, tangents};
+use crate::reconstruction::vector::{Vec3, along, dot, norm, normalized, sub};
+
+/// Sizes of neighbourhoods that are tried, in multiples of the chosen number of neighbours.
+const SIZES: [f64; 12] = [
+    0.375, 0.5, 0.625, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0,
+];
+
+/// Largest of [`SIZES`].
+pub const WIDEST: usize = 8;
+
+/// Coefficients of a plane and of a quadric as heights over the tangent plane.
+const DEGREES: [usize; 2] = [3, 6];
+
+/// A fit needs so many points more than it has coefficients.
+const SPARE: usize = 2;
+
+/// Least cosine between the normals of points on the same sheet.
+const SAME_SHEET: f64 = 0.2;
+
+/// Points over which the error of a size is averaged, besides the point itself.
+const POOLED: usize = 16;
+
+/// Weight against slopes and curvatures, as a share of what the points weigh: it settles fits that few
+/// points leave open.
+const RIDGE: f64 = 0.0025;
+
+/// Normals from fits.
+pub struct Jets {
+    /// Unit normals, on the side of those that they started from.
+    pub normals: Vec<Vec3>,
+    /// Standard deviation of the points from the surface: the median over the points.
+    pub noise: f64,
+}
+
+/// What one fit tells.
+#[derive(Clone, Copy)]
+struct Fit {
+    /// Distance of the point from the surface that its neighbours make without it.
+    error: f64,
+    normal: Vec3,
+}
+
+impl Jets {
+    /// Normals of `points` near the oriented unit `normals`.
+    ///
+    /// Around each point, planes and quadrics are fitted to neighbourhoods of several sizes, on the sheet
+    /// of the point only. That one is taken which predicts points best that were left out of it
+    /// (cross-validation, averaged over the points around); of equally good ones the larger, whose slope
+    /// is the surer: its error is divided by its size to the power of `leaning`.
+    pub fn new(
+        points: &[Vec3],
+        normals: &[Vec3],
+        neighbours: &Neighbourhoods,
+        leaning: f64,
+    ) -> Self {
+        let sizes: Vec<usize> = SIZES
+            .iter()
+            .map(|size| (size * neighbours.count() as f64 / WIDEST as f64).round() as usize)
+            .collect();
+        let fits: Vec<Vec<Option<Fit>>> = (0..points.len())
+            .into_par_iter()
+            .map(|i| {
+                let arms: Vec<Vec3> = neighbours
+                    .of(i)
+                    .filter(|&j| dot(normals[i], normals[j]) > SAME_SHEET)
+                    .map(|j| sub(points[j], points[i]))
+                    .collect();
+                DEGREES
+                    .iter()
+                    .flat_map(|degree| sizes.iter().map(move |size| (*degree, *size)))
+                    .map(|(degree, size)| fit(arms.get(..size)?, normals[i], degree))
+                    .collect()
+            })
+            .collect();
+        let chosen: Vec<(Vec3, Option<f64>)> = (0..points.len())
+            .into_par_iter()
+            .map(|i| {
+                let pool: Vec<usize> = iter::once(i).chain(neighbours.of(i).take(POOLED)).collect();
+                best(&fits, &pool, |k| {
+                    (sizes[k % sizes.len()] as f64).powf(-leaning)
+                })
+                .map_or((normals[i], None), |(normal, error)| (normal, Some(error)))
+            })
+            .collect();
+        let mut errors: Vec<f64> = chosen.iter().filter_map(|(_, error)| *error).collect();
+        Self {
+            normals: chosen.into_iter().map(|(normal, _)| normal).collect(),
+            noise: median(&mut errors),
+        }
+    }
+}
+
+/// Normal of the first point of `pool`, and error, of that kind of fit whose error over the pool, times
+/// its `factor`, is least.
+fn best(
+    fits: &[Vec<Option<Fit>>],
+    pool: &[usize],
+    factor: impl Fn(usize) -> f64,
+) -> Option<(Vec3, f64)> {
+    let own = fits[*pool.first()?].iter().enumerate();
+    own.filter_map(|(k, fit)| {
+        let fit = (*fit)?;
+        let squares: Vec<f64> = pool
+            .iter()
+            .filter_map(|&j| fits[j][k].map(|fit| fit.error * fit.error))
+            .collect();
+        let error = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        Some((fit.normal, error, error * factor(k)))
+    })
+    .min_by(|a, b| a.2.total_cmp(&b.2))
+    .map(|(normal, error, _)| (normal, error))
+}
+
+/// The plane or quadric through a point and `arms` around it, nearest first, as heights along `normal`;
+/// `None` where they do not determine it.
+fn fit(arms: &[Vec3], normal: Vec3, coefficients: usize) -> Option<Fit> {
+    if arms.len() < coefficients + SPARE {
+        return None;
+    }
+    let (u, v) = tangents(normal);
+    // A little beyond the farthest one, which would have no weight otherwise.
+    let reach = 1.05 * norm(*arms.last()?);
+    let mut matrix = [[0.0; 6]; 6];
+    let mut right = [0.0; 6];
+    let mut total = 0.0;
+    for arm in arms {
+        let [x, y, z] = [dot(*arm, u), dot(*arm, v), dot(*arm, normal)].map(|c| c / reach);
+        let weight = (1.0 - x * x - y * y - z * z).max(0.0).powi(2);
+        let row = [1.0, x, y, x * x, x * y, y * y];
+        for i in 0..coefficients {
+            for j in 0..=i {
+                matrix[i][j] += weight * row[i] * row[j];
+            }
+            right[i] += weight * row[i] * z;
+        }
+        total += weight;
+    }
+    for (i, row) in matrix.iter_mut().enumerate().skip(1) {
+        row[i] += RIDGE * total;
+    }
+    let without = solved(matrix, right, coefficients)?;
+    let slope = (1.0 + without[1] * without[1] + without[2] * without[2]).sqrt();
+    matrix[0][0] += 1.0;
+    let with = solved(matrix, right, coefficients)?;
+    Some(Fit {
+        error: reach * without[0] / slope,
+        normal: normalized(along(along(normal, -with[1], u), -with[2], v))?,
+    })
+}
+
+/// The solution of the first `n` of symmetric equations, of which the lower triangle is read, by
+/// Cholesky's decomposition; `None` where they are singular.
+fn solved(mut a: [[f64; 6]; 6], mut b: [f64; 6], n: usize) -> Option<[f64; 6]> {
+    for i in 0..n {
+        for j in 0..=i {
+            let rest = a[i][j] - (0..j).map(|k| a[i][k] * a[j][k]).sum::<f64>();
+            a[i][j] = if j < i {
+                rest / a[j][j]
+            } else if rest > 1e-12 {
+                rest.sqrt()
+            } else {
+                return None;
+            };
+        }
+    }
+    for i in 0..n {
+        b[i] = (b[i] - (0..i).map(|k| a[i][k] * b[k]).sum::<f64>()) / a[i][i];
+    }
+    for i in (0..n).rev() {
+        b[i] = (b[i] - (i + 1..n).map(|k| a[k][i] * b[k]).sum::<f64>()) / a[i][i];
+    }
+    Some(b)
+}
