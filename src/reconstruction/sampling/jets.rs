@@ -13,7 +13,7 @@ const SIZES: [f64; 12] = [
     0.375, 0.5, 0.625, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0,
 ];
 
-/// Largest of [`SIZES`].
+/// Largest of the sizes that are tried, in multiples of the neighbours asked for.
 pub const WIDEST: usize = 8;
 
 /// Coefficients of a plane and of a quadric as heights over the tangent plane.
