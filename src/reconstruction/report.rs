@@ -95,6 +95,29 @@ impl SurfaceReport {
     }
 }
 
+/// What the points tell of themselves; lengths in units of the input.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct CloudReport {
+    /// Median distance between neighbouring points that were trained on.
+    pub spacing: f64,
+    /// Standard deviation of the points from the surface, as local fits see it; none where nothing was
+    /// generated from the points.
+    pub noise: Option<f64>,
+    /// λ of the weight decay that training added to the loss.
+    pub weight_decay: f64,
+}
+
+impl CloudReport {
+    fn new(prepared: &Prepared) -> Self {
+        let to_world = |length| prepared.frame.length_to_world(length);
+        Self {
+            spacing: to_world(prepared.spacing),
+            noise: prepared.noise.map(to_world),
+            weight_decay: prepared.weight_decay,
+        }
+    }
+}
+
 /// |f| at the surface points: 0 where the network fits them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FieldAtPoints {
@@ -147,6 +170,8 @@ pub struct Report {
     pub normals: Option<NormalSource>,
     /// Samples of each kind.
     pub samples: Counts,
+    /// What the points tell of themselves.
+    pub cloud: CloudReport,
     /// How the training ended.
     pub training: TrainingReport,
     /// How the surface was extracted.
@@ -214,6 +239,7 @@ impl Report {
             threads: rayon::current_num_threads(),
             normals: prepared.normals,
             samples: prepared.counts,
+            cloud: CloudReport::new(prepared),
             training,
             surface,
             mesh: quality::describe(mesh),

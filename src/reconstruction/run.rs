@@ -9,7 +9,7 @@ use super::report::{Report, Stopwatch, Subject, SurfaceReport, TrainingReport};
 use super::sampling::{Prepared, prepare};
 use super::settings::{Precision, Settings};
 use super::surface::{Field, MAX_TRIANGLES, Request, extract, keep_components};
-use super::training::{Hooks, Identity, Termination, Trained, train};
+use super::training::{Hooks, Identity, Problem, Termination, Trained, train};
 use super::vector::{Bounds, Vec3};
 
 /// What a run gives.
@@ -159,7 +159,11 @@ fn fit<T: Scalar>(
             &mesher.prepared.validation,
         ),
     };
-    let trained = train(engine, parameters, &mesher.settings.training, hooks)?;
+    let problem = Problem {
+        engine,
+        weight_decay: mesher.prepared.weight_decay,
+    };
+    let trained = train(problem, parameters, &mesher.settings.training, hooks)?;
     if trained.termination == Termination::Cancelled {
         return Err(Error::Cancelled);
     }

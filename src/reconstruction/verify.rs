@@ -241,6 +241,7 @@ impl Tensors<'_> {
         Ok(Samples {
             points: points.to_vec(),
             targets: self.values("targets", count)?,
+            one_sided: vec![false; count],
             weights: vec![1.0; count],
         })
     }

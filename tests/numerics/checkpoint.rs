@@ -8,7 +8,7 @@ use meshway::reconstruction::settings::{Optimizer, Preset, Scheme, Training};
 use meshway::reconstruction::training::{Hooks, Identity, Metrics, Trained, train};
 use meshway::reconstruction::{Error, Event, Observer};
 
-use crate::network::{architecture, spiral};
+use crate::network::{architecture, spiral, undecayed};
 
 /// Keeps the last checkpoint and the evaluations it heard of; wants room after some iterations.
 #[derive(Default)]
@@ -71,7 +71,12 @@ fn run<T: Scalar>(
         snapshot: &mut |_, _| Ok(()),
         identity,
     };
-    train(&engine, initial_parameters(&shape, 1), settings, hooks)
+    train(
+        undecayed(&engine),
+        initial_parameters(&shape, 1),
+        settings,
+        hooks,
+    )
 }
 
 fn interrupted_equals_uninterrupted<T: Scalar>(optimizer: Optimizer) {

@@ -6,6 +6,7 @@ use meshway::reconstruction::network::{
 use meshway::reconstruction::sampling::Samples;
 use meshway::reconstruction::settings::Scheme;
 use meshway::reconstruction::surface::Field;
+use meshway::reconstruction::training::Problem;
 use meshway::reconstruction::vector::Vec3;
 
 const SCHEMES: [Scheme; 5] = [
@@ -32,6 +33,7 @@ pub(crate) fn spiral(count: usize) -> Samples {
             .collect(),
         targets: (0..count).map(|i| (5.0 * t(i)).sin()).collect(),
         weights: (0..count).map(|i| 0.5 + t(i)).collect(),
+        one_sided: (0..count).map(|i| i % 3 == 0).collect(),
     }
 }
 
@@ -40,6 +42,14 @@ pub(crate) fn engine<T: Scalar>(architecture: Architecture, training: &Samples) 
     // side.
     tch::set_num_threads(1);
     Libtorch::new(architecture, training, &Samples::default()).unwrap()
+}
+
+/// The loss alone.
+pub(crate) fn undecayed<T>(engine: &dyn Engine<T>) -> Problem<'_, T> {
+    Problem {
+        engine,
+        weight_decay: 0.0,
+    }
 }
 
 pub(crate) fn architecture(scheme: Scheme, width: usize, hidden_layers: usize) -> Architecture {

@@ -9,7 +9,7 @@ use meshway::reconstruction::training::{
 };
 use meshway::reconstruction::{Error, Event, Observer};
 
-use crate::network::{architecture, engine, spiral};
+use crate::network::{architecture, engine, spiral, undecayed};
 
 /// An observer with a clock of its own that writes down what it hears.
 #[derive(Default)]
@@ -61,7 +61,7 @@ fn run(engine: &Libtorch<f64>, settings: &Training, notes: &Notes) -> Result<Tra
         identity: Identity::default(),
     };
     let start = initial_parameters(engine.architecture(), settings.seed);
-    train(engine, start, settings, hooks)
+    train(undecayed(engine), start, settings, hooks)
 }
 
 #[test]
@@ -124,7 +124,7 @@ fn histograms_and_snapshots_come_at_their_evaluations() {
         },
         identity: Identity::default(),
     };
-    train(&engine, start.clone(), &settings, hooks).unwrap();
+    train(undecayed(&engine), start.clone(), &settings, hooks).unwrap();
     assert_eq!(snapshots.iter().map(|s| s.0).collect::<Vec<_>>(), [1, 5]);
     assert_eq!(snapshots[0].1, start);
 
@@ -280,7 +280,7 @@ fn divergence_is_an_error() {
         snapshot: &mut |_, _| Ok(()),
         identity: Identity::default(),
     };
-    let error = train(&engine, start, &settings(), hooks).unwrap_err();
+    let error = train(undecayed(&engine), start, &settings(), hooks).unwrap_err();
     assert_eq!(error.code(), "training_diverged");
 
     let wild = Training {

@@ -93,11 +93,13 @@ impl<T: Scalar> Engine<T> for Libtorch<T> {
     }
 }
 
-/// Samples as tensors: points [n, 3], targets and weights [n, 1].
+/// Samples as tensors: points [n, 3], the others [n, 1].
 #[derive(Debug)]
 struct Batch {
     points: Tensor,
     targets: Tensor,
+    /// Least and greatest values that cost nothing; None where all are the target, as in \[N24\].
+    free: Option<[Tensor; 2]>,
     /// None when all are 1, as in \[N24\]: one pass less.
     weights: Option<Tensor>,
     count: usize,
@@ -113,6 +115,15 @@ impl Batch {
         Ok(Self {
             points: points_tensor::<T>(&samples.points)?,
             targets: column(&samples.targets)?,
+            free: if samples.one_sided.contains(&true) {
+                let bound = |side: usize| {
+                    let bounds = (0..samples.len()).map(|i| samples.free_range(i)[side]);
+                    column(&bounds.collect::<Vec<_>>())
+                };
+                Some([bound(0)?, bound(1)?])
+            } else {
+                None
+            },
             weights: weighted.then(|| column(&samples.weights)).transpose()?,
             count: samples.points.len(),
         })
@@ -120,10 +131,14 @@ impl Batch {
 
     /// Mean weighted squared error.
     fn loss(&self, network: &Network) -> Result<Tensor, TchError> {
-        let square = network
-            .values(&self.points)?
-            .f_sub(&self.targets)?
-            .f_square()?;
+        let values = network.values(&self.points)?;
+        let residual = match &self.free {
+            Some([lower, upper]) => {
+                values.f_sub(&values.f_clamp_tensor(Some(lower), Some(upper))?)?
+            }
+            None => values.f_sub(&self.targets)?,
+        };
+        let square = residual.f_square()?;
         match &self.weights {
             Some(weights) => square.f_mul(weights)?.f_mean(None),
             None => square.f_mean(None),

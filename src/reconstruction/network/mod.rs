@@ -41,7 +41,8 @@ pub trait Engine<T: Scalar> {
     fn validation_samples(&self) -> usize;
 
     /// L = 1/n Σ wᵢ (f(pᵢ) - yᵢ)² over the training samples, and ∂L/∂parameters into `gradient`,
-    /// which is as long as `parameters`. Neither needs to be finite.
+    /// which is as long as `parameters`. Neither needs to be finite. One-sided samples that f
+    /// passes ([`Samples::free_range`]) add nothing.
     ///
     /// # Errors
     /// What the engine reports, such as lengths that do not fit the architecture.

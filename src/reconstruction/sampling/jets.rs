@@ -5,7 +5,7 @@ use std::iter;
 
 use rayon::prelude::*;
 
-use super::neighbours::{Neighbourhoods, median, tangents};
+use super::neighbours::{Neighbourhoods, quantile, tangents};
 use crate::reconstruction::vector::{Vec3, along, dot, norm, normalized, sub};
 
 /// Sizes of neighbourhoods that are tried, in multiples of the chosen number of neighbours.
@@ -32,12 +32,18 @@ const POOLED: usize = 16;
 /// points leave open.
 const RIDGE: f64 = 0.0025;
 
+/// The quantile of the errors of the fits that tells the noise, ...
+const NOISE_QUANTILE: f64 = 0.25;
+
+/// ... and what it is times that: the error of points left out, averaged, varies little.
+const NOISE_FACTOR: f64 = 1.1;
+
 /// Normals from fits.
 pub struct Jets {
     /// Unit normals, on the side of those that they started from.
     pub normals: Vec<Vec3>,
-    /// Standard deviation of the points from the surface: the median over the points.
-    pub noise: f64,
+    /// Root mean square error of the fits around each point that has any.
+    errors: Vec<f64>,
 }
 
 /// What one fit tells.
@@ -90,11 +96,26 @@ impl Jets {
                 .map_or((normals[i], None), |(normal, error)| (normal, Some(error)))
             })
             .collect();
-        let mut errors: Vec<f64> = chosen.iter().filter_map(|(_, error)| *error).collect();
+        let errors: Vec<f64> = chosen.iter().filter_map(|(_, error)| *error).collect();
         Self {
             normals: chosen.into_iter().map(|(normal, _)| normal).collect(),
-            noise: median(&mut errors),
+            errors,
         }
+    }
+
+    /// Median error of the fits: noise, and what they miss of the shape.
+    pub fn error(&self) -> f64 {
+        self.quantile(0.5)
+    }
+
+    /// Standard deviation of the points from the surface. It is the same everywhere, where features
+    /// that the fits miss are not, so the places of the least errors tell it.
+    pub fn noise(&self) -> f64 {
+        NOISE_FACTOR * self.quantile(NOISE_QUANTILE)
+    }
+
+    fn quantile(&self, share: f64) -> f64 {
+        quantile(&mut self.errors.clone(), share)
     }
 }
 

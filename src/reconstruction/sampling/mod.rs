@@ -13,6 +13,7 @@ pub mod oriented;
 mod prepare;
 pub mod samples;
 pub mod selection;
+mod uncertainty;
 pub mod winding;
 
 use serde::Serialize;
@@ -33,6 +34,8 @@ pub struct Samples {
     pub targets: Vec<f64>,
     /// Weights, `[n]`; 1 in \[N24\].
     pub weights: Vec<f64>,
+    /// Whether f may go beyond the target, away from 0, at no cost, `[n]`; never in \[N24\].
+    pub one_sided: Vec<bool>,
 }
 
 impl Samples {
@@ -51,6 +54,33 @@ impl Samples {
         self.points.extend(other.points);
         self.targets.extend(other.targets);
         self.weights.extend(other.weights);
+        self.one_sided.extend(other.one_sided);
+    }
+
+    /// The same samples, each of this weight.
+    #[must_use]
+    pub fn weighing(mut self, weight: f64) -> Self {
+        self.weights.fill(weight);
+        self
+    }
+
+    /// The same samples, each of them one-sided.
+    #[must_use]
+    pub fn at_least(mut self) -> Self {
+        self.one_sided.fill(true);
+        self
+    }
+
+    /// The least and the greatest f that costs nothing at sample `i`.
+    pub fn free_range(&self, i: usize) -> [f64; 2] {
+        let target = self.targets[i];
+        if !self.one_sided[i] {
+            [target, target]
+        } else if target < 0.0 {
+            [f64::NEG_INFINITY, target]
+        } else {
+            [target, f64::INFINITY]
+        }
     }
 }
 
@@ -60,6 +90,7 @@ impl Extend<(Vec3, f64)> for Samples {
             self.points.push(point);
             self.targets.push(target);
             self.weights.push(1.0);
+            self.one_sided.push(false);
         }
     }
 }
@@ -98,7 +129,8 @@ pub struct Prepared {
     pub frame: Frame,
     /// Samples to fit, unit frame.
     pub training: Samples,
-    /// Samples of the same kinds from what was held out, unit frame; empty without a hold-out.
+    /// Samples of the same kinds from what was held out, unit frame; empty without a hold-out, as on sparse
+    /// clouds.
     pub validation: Samples,
     /// Indices into the cloud of the surface points trained on, ascending.
     pub surface: Vec<usize>,
@@ -108,6 +140,10 @@ pub struct Prepared {
     pub counts: Counts,
     /// Median distance between neighbouring trained points, unit frame.
     pub spacing: f64,
+    /// Standard deviation of the surface points from the surface, unit frame; none where nothing is generated.
+    pub noise: Option<f64>,
+    /// λ of λ/2 |parameters|², which training adds to the loss: what the noise asks for.
+    pub weight_decay: f64,
     /// Diagonal of the box of the surface points, unit frame.
     pub diagonal: f64,
     /// Where the normals come from; none where none were needed.

@@ -148,11 +148,16 @@ impl Neighbourhoods {
 
 /// The middle one of `values` in their order; 0 without values.
 pub(super) fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
+    quantile(values, 0.5)
+}
+
+/// The value that this share of `values` is below, less than 1; 0 without values.
+pub(super) fn quantile(values: &mut [f64], share: f64) -> f64 {
+    let position = (share * values.len() as f64) as usize;
     if values.is_empty() {
         return 0.0;
     }
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    *values.select_nth_unstable_by(position, f64::total_cmp).1
 }
 
 /// Two unit vectors that make a right-handed basis with the unit vector `normal`.

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::neighbours::{Neighbourhoods, Tree, median};
-use super::orientation::{orient, points_inwards};
+use super::orientation::{noise, orient, points_inwards};
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::symmetric::eigen;
 use crate::reconstruction::vector::{Vec3, dot, normalized, scale, sub};
@@ -25,6 +25,16 @@ pub enum NormalSource {
     Estimated,
 }
 
+/// Outward unit normals.
+pub struct Normals {
+    /// One for each point.
+    pub directions: Vec<Vec3>,
+    /// Where they come from.
+    pub source: NormalSource,
+    /// Standard deviation of the points from the surface.
+    pub noise: f64,
+}
+
 /// Outward unit normals of `points`: the `given` ones where they can be used.
 ///
 /// Given normals are scaled to unit length. Those that are zero or not finite are replaced by
@@ -36,7 +46,7 @@ pub fn normals(
     tree: &Tree,
     neighbours: &Neighbourhoods,
     warnings: &mut Vec<Warning>,
-) -> (Vec<Vec3>, NormalSource) {
+) -> Normals {
     let mut checked: Vec<Option<Vec3>> = given.map_or_else(
         || vec![None; points.len()],
         |given| given.iter().copied().map(normalized).collect(),
@@ -49,8 +59,12 @@ pub fn normals(
                 "all given normals are zero or not finite; they are estimated instead",
             ));
         }
-        let estimated = orient(points, tree, neighbours).normals;
-        return (estimated, NormalSource::Estimated);
+        let estimated = orient(points, tree, neighbours);
+        return Normals {
+            directions: estimated.normals,
+            source: NormalSource::Estimated,
+            noise: estimated.noise,
+        };
     }
     if missing > 0 {
         warnings.push(Warning::new(
@@ -70,7 +84,11 @@ pub fn normals(
             *normal = scale(*normal, -1.0);
         }
     }
-    (normals, NormalSource::Given)
+    Normals {
+        noise: noise(points, &normals, tree, neighbours),
+        directions: normals,
+        source: NormalSource::Given,
+    }
 }
 
 /// Undirected unit normals: the direction of least extent of each point and its neighbours

@@ -1,17 +1,27 @@
 //! The surface as its points tell it: normals, spacing, which side is inside, how far it is.
 
-use super::neighbours::{Neighbourhoods, Tree};
-use super::normals::{NormalSource, normals};
+use super::neighbours::{Neighbourhoods, Tree, quantile};
+use super::normals::{NormalSource, Normals, normals};
 use super::winding::{Oriented, Winding};
 use crate::reconstruction::observer::Warning;
-use crate::reconstruction::vector::{Vec3, dot, sub};
+use crate::reconstruction::vector::{Vec3, along, dot, sub};
+use rayon::prelude::*;
 
-/// Winding number from which a place is surely inside. With 1 - it for outside, a band of 0.3 around
-/// one half stays undecided: holes and noise leave it there, whole surfaces do not.
-const INSIDE: f64 = 0.65;
+/// A place is surely inside or outside where its winding number is so near to 1 or 0: a band of 0.3 around
+/// one half stays undecided.
+const MOST_DOUBT: f64 = 0.35;
 
-/// Winding number up to which a place is surely outside.
-const OUTSIDE: f64 = 1.0 - INSIDE;
+/// As near to 1 or 0 it is anywhere: the clusters of the winding number.
+const LEAST_DOUBT: f64 = 0.02;
+
+/// The share of the points from which to the next the winding number changes less than the doubt takes.
+const DOUBT_QUANTILE: f64 = 0.75;
+
+/// The doubt over that change.
+const DOUBT_OVER_CHANGE: f64 = 2.0;
+
+/// So many points tell the doubt.
+const DOUBTED: usize = 2_000;
 
 /// How far from its nearest point a place of the surface may be, in local spacings: the largest gaps
 /// of a random sampling.
@@ -27,6 +37,10 @@ pub struct OrientedSurface {
     pub spacings: Vec<f64>,
     /// Where the normals come from.
     pub source: NormalSource,
+    /// Standard deviation of the points from the surface.
+    pub noise: f64,
+    /// How far the winding number is unsure one spacing away from the points.
+    doubt: f64,
     tree: Tree,
     winding: Winding,
 }
@@ -41,7 +55,11 @@ impl OrientedSurface {
     ) -> Self {
         let tree = Tree::new(&points);
         let near = Neighbourhoods::new(&tree, &points, neighbours);
-        let (normals, source) = normals(&points, given, &tree, &near, warnings);
+        let Normals {
+            directions: normals,
+            source,
+            noise,
+        } = normals(&points, given, &tree, &near, warnings);
         let spacings = near.spacings(&points);
         let areas = near.areas(&points, &normals, &spacings);
         let winding = Winding::new(Oriented {
@@ -50,26 +68,41 @@ impl OrientedSurface {
             areas: &areas,
             spacings: &spacings,
         });
+        let doubt = doubt(&points, &normals, &spacings, &near, &winding);
         Self {
             points,
             normals,
             spacings,
             source,
+            noise,
+            doubt,
             tree,
             winding,
         }
     }
 
     /// Whether `q` is inside; `None` where the points leave it open.
+    ///
+    /// What the points do not surround evenly, they surround by a part of the sphere: around a hole the
+    /// winding number is neither 0 nor 1, and the field shall find its own way there. The finer the
+    /// sampling, and the farther away, the less else keeps it from either.
     pub fn inside(&self, q: Vec3) -> Option<bool> {
         let winding = self.winding.at(q);
-        if winding > INSIDE {
+        let (i, distance) = self.tree.nearest(q);
+        let away = (distance / self.spacings[i]).max(1.0);
+        let doubt = (self.doubt / away).clamp(LEAST_DOUBT, MOST_DOUBT);
+        if winding > 1.0 - doubt {
             Some(true)
-        } else if winding < OUTSIDE {
+        } else if winding < doubt {
             Some(false)
         } else {
             None
         }
+    }
+
+    /// Takes the winding number as unsure as it can be.
+    pub fn doubtful(&mut self) {
+        self.doubt = f64::INFINITY;
     }
 
     /// Index of the point nearest to `q`, and the distance of `q` to the surface there.
@@ -83,4 +116,26 @@ impl OrientedSurface {
         let least = (to_point * to_point - gap * gap).max(0.0);
         (i, to_plane.max(least.sqrt()))
     }
+}
+
+/// How much the winding number changes from one point to the next, one spacing inside and outside them: what
+/// sampling, noise and wrong normals make of it. Holes change it slowly.
+fn doubt(
+    points: &[Vec3],
+    normals: &[Vec3],
+    spacings: &[f64],
+    near: &Neighbourhoods,
+    winding: &Winding,
+) -> f64 {
+    let off = |i: usize, side: f64| winding.at(along(points[i], side * spacings[i], normals[i]));
+    let every = points.len().div_ceil(DOUBTED);
+    let mut changes: Vec<f64> = (0..points.len())
+        .into_par_iter()
+        .step_by(every)
+        .flat_map_iter(|i| {
+            let other = near.of(i).next().unwrap_or(i);
+            [-1.0, 1.0].map(|side| (off(i, side) - off(other, side)).abs())
+        })
+        .collect();
+    DOUBT_OVER_CHANGE * quantile(&mut changes, DOUBT_QUANTILE)
 }

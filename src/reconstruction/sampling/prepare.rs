@@ -5,6 +5,7 @@ use super::neighbours::{Neighbourhoods, Tree, median};
 use super::oriented::OrientedSurface;
 use super::samples::{Grading, Sampler};
 use super::selection::{Split, distinct, even_subset};
+use super::uncertainty::{Uncertainty, sparse};
 use super::{Counts, Prepared, Samples};
 use crate::reconstruction::cloud::{self, Label, PointCloud, enough_points};
 use crate::reconstruction::error::Error;
@@ -50,10 +51,13 @@ pub fn prepare(
     let mut warnings = Vec::new();
     let mut choice = stream(settings.training.seed, Purpose::Selection);
     let scene = Scene::new(cloud, settings, &mut choice, &mut warnings)?;
+    stop_if_cancelled()?;
+    let surface = scene.oriented(&mut warnings);
+    stop_if_cancelled()?;
     let split = Split::new(
         &scene.points,
         settings.sampling.surface_points,
-        settings.sampling.validation_fraction,
+        scene.held_out_share(),
         &mut choice,
     );
     let trained = pick(&scene.points, &split.trained);
@@ -67,14 +71,21 @@ pub fn prepare(
         ),
     );
     let share = validated.len() as f64 / split.trained.len() as f64;
-    let mut training: Samples = trained.iter().map(|&p| (p, 0.0)).collect();
-    let mut validation: Samples = pick(&scene.points, &validated)
-        .into_iter()
-        .map(|p| (p, 0.0))
-        .collect();
-    stop_if_cancelled()?;
-
-    let surface = scene.oriented(&mut warnings);
+    let spacing = median_spacing(&trained);
+    let uncertainty = surface.as_ref().map(|surface| Uncertainty {
+        noise: surface.noise,
+        spacing,
+        band: scene.grading.band,
+        sparse: scene.sparse,
+    });
+    let weight = uncertainty.map_or(1.0, |u| u.surface_weight());
+    let on_surface = |positions: &[usize]| -> Samples {
+        let points = pick(&scene.points, positions);
+        let samples: Samples = points.into_iter().map(|p| (p, 0.0)).collect();
+        samples.weighing(weight)
+    };
+    let mut training = on_surface(&split.trained);
+    let mut validation = on_surface(&validated);
     stop_if_cancelled()?;
     let [interior, exterior] = [Label::Interior, Label::Exterior].map(|label| {
         let (fitted, checked) = scene.labelled(label, surface.as_ref(), share, &mut choice);
@@ -98,6 +109,7 @@ pub fn prepare(
             grading: scene.grading,
             // Spacing goes with the square root of the number of points on a surface.
             thinning: (scene.points.len() as f64 / split.trained.len() as f64).sqrt(),
+            sparse: scene.sparse,
         };
         let mut random = stream(settings.training.seed, Purpose::Sampling);
         let [near, far] = scene.generated(&sampler, &split.trained, 1.0, &mut random);
@@ -112,6 +124,9 @@ pub fn prepare(
     }
     counts.validation = validation.len();
     let listed = even_subset(&held_out, MAX_HELD_OUT, &mut choice);
+    let weight_decay = uncertainty.map_or(0.0, |u| {
+        settings.training.smoothing * u.weight_decay(training.len())
+    });
     Ok(Prepared {
         frame: scene.frame,
         training,
@@ -119,7 +134,9 @@ pub fn prepare(
         surface: pick(&scene.indices, &split.trained),
         held_out: pick(&scene.indices, &pick(&split.held_out, &listed)),
         counts,
-        spacing: median_spacing(&trained),
+        spacing,
+        noise: uncertainty.map(|u| u.noise),
+        weight_decay,
         diagonal: scene.bounds.diagonal(),
         normals: surface.map(|surface| surface.source),
         warnings,
@@ -138,6 +155,8 @@ struct Scene<'a> {
     /// Box of `points`.
     bounds: Bounds,
     grading: Grading,
+    /// Whether the points lie far apart beside the band.
+    sparse: bool,
 }
 
 impl<'a> Scene<'a> {
@@ -158,7 +177,10 @@ impl<'a> Scene<'a> {
         };
         let points: Vec<Vec3> = given.iter().map(|p| frame.to_unit(*p)).collect();
         let bounds = box_of(&points)?;
+        let band = settings.sampling.band * bounds.diagonal();
+        let generated = settings.sampling.off_surface == OffSurface::Generated;
         Ok(Self {
+            sparse: generated && sparse(median_spacing(&points), band),
             cloud,
             settings,
             indices,
@@ -167,9 +189,19 @@ impl<'a> Scene<'a> {
             bounds,
             grading: Grading {
                 targets: settings.sampling.targets,
-                band: settings.sampling.band * bounds.diagonal(),
+                band,
             },
         })
+    }
+
+    /// The share that is held out of a cloud within the budget: none of a sparse one, which needs every
+    /// point, and which weight decay alone keeps from overfitting.
+    fn held_out_share(&self) -> f64 {
+        if self.sparse {
+            0.0
+        } else {
+            self.settings.sampling.validation_fraction
+        }
     }
 
     /// The oriented surface; none where only labels are used.
@@ -178,12 +210,16 @@ impl<'a> Scene<'a> {
             return None;
         }
         let given = self.cloud.normals.as_ref();
-        Some(OrientedSurface::new(
+        let mut surface = OrientedSurface::new(
             self.points.clone(),
             given.map(|normals| pick(normals, &self.indices)).as_deref(),
             self.settings.sampling.neighbours,
             warnings,
-        ))
+        );
+        if self.sparse {
+            surface.doubtful();
+        }
+        Some(surface)
     }
 
     /// Samples at the points that the user labels `label`: those within the budget, and of the

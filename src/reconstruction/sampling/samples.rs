@@ -48,6 +48,8 @@ pub struct Sampler<'a> {
     pub grading: Grading,
     /// Spacing of the trained points over that of `surface`, of which they are a subset.
     pub thinning: f64,
+    /// Whether the points are so sparse that distances of far samples are no more than a bound.
+    pub sparse: bool,
 }
 
 impl Sampler<'_> {
@@ -91,6 +93,9 @@ impl Sampler<'_> {
 
     /// Up to `count` samples in `region` and on its shell, unit frame; places that the winding
     /// number leaves open get none.
+    ///
+    /// Their distances are those to a point or to its tangent plane, and off by as much as the spacing. Where
+    /// that is as much as the band, an exact target bends the field; a bound keeps the side all the same.
     pub fn far(&self, region: &Bounds, count: usize, random: &mut Generator) -> Samples {
         let places: Vec<Vec3> = (0..count)
             .map(|k| place(region, k % SHELL_EVERY == 0, random))
@@ -103,7 +108,12 @@ impl Sampler<'_> {
                 Some((q, self.grading.target(inside, distance)))
             })
             .collect();
-        found.into_iter().flatten().collect()
+        let samples: Samples = found.into_iter().flatten().collect();
+        if self.sparse {
+            samples.at_least()
+        } else {
+            samples
+        }
     }
 }
 

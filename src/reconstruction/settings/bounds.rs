@@ -32,6 +32,7 @@ pub const BOUNDS: &[Bound] = &[
     bound("/training/max_evaluations", 1.0, 1e6),
     bound("/training/adam_evaluations", 0.0, 1e6),
     bound("/training/adam_learning_rate", 1e-6, 1.0),
+    bound("/training/smoothing", 0.0, 100.0),
     bound("/training/patience", 0.0, 1e6),
     bound("/training/time_limit_seconds", 0.0, 86_400.0),
     bound("/sampling/half_extent", 0.01, 100.0),

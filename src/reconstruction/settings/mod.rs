@@ -128,6 +128,10 @@ pub struct Training {
     pub adam_evaluations: u64,
     /// Step size of Adam.
     pub adam_learning_rate: f64,
+    /// How much of the weight decay that the noise of the points asks for is added to the loss; 0: none
+    /// (\[N24\]).
+    #[serde(default)]
+    pub smoothing: f64,
     /// Stop when the validation loss has not improved for so many evaluations, and keep the best
     /// parameters; 0: never, and keep the last.
     pub patience: u64,

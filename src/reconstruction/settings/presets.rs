@@ -103,6 +103,7 @@ fn balanced() -> Settings {
             max_evaluations: 1_500,
             adam_evaluations: 200,
             adam_learning_rate: 1e-3,
+            smoothing: 1.0,
             patience: 300,
             time_limit_seconds: 0.0,
             histogram_evaluations: Vec::new(),
@@ -141,6 +142,7 @@ fn paper(base: Settings) -> Settings {
             tolerance_gradient: 1e-11,
             tolerance_change: 1e-11,
             max_evaluations: 3_000,
+            smoothing: 0.0,
             patience: 0,
             ..base.training
         },

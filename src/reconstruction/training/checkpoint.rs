@@ -43,6 +43,13 @@ impl Identity {
             samples.points.iter().for_each(|p: &Vec3| add(&mut hash, p));
             add(&mut hash, &samples.targets);
             add(&mut hash, &samples.weights);
+            hash.update(
+                samples
+                    .one_sided
+                    .iter()
+                    .map(|b| u8::from(*b))
+                    .collect::<Vec<_>>(),
+            );
         }
         Self(hash.finalize().into())
     }

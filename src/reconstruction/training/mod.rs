@@ -19,7 +19,7 @@ pub use adam::Adam;
 pub use checkpoint::Identity;
 pub use iterate::{Interrupt, Iterate, Objective, Step};
 pub use lbfgs::{Lbfgs, Options};
-pub use monitor::{Hooks, Snapshot};
+pub use monitor::{Hooks, Problem, Snapshot};
 pub use run::{Trained, train};
 
 /// Why training ended. Not converging is a result, not an error.
@@ -49,9 +49,9 @@ pub struct Metrics {
     pub iteration: u64,
     /// Evaluations of loss and gradient so far: what the figures of \[N24\] call epochs.
     pub evaluation: u64,
-    /// Mean weighted squared error on the training samples.
+    /// Mean weighted squared error on the training samples, and the weight decay.
     pub loss: f64,
-    /// The same on the validation samples; none without a hold-out.
+    /// The error alone, on the validation samples; none without a hold-out.
     pub validation_loss: Option<f64>,
     /// Euclidean norm of the gradient.
     pub gradient_norm: f64,

@@ -3,6 +3,7 @@
 
 use super::checkpoint::Identity;
 use super::iterate::Interrupt;
+use super::linear_algebra::dot;
 use super::{GradientHistogram, Metrics, Termination};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::network::{Engine, Scalar};
@@ -24,9 +25,32 @@ pub struct Hooks<'a, T> {
     pub identity: Identity,
 }
 
+/// What is minimised: the loss over the samples of an engine, and λ/2 |parameters|².
+#[derive(Clone, Copy)]
+pub struct Problem<'a, T> {
+    /// Evaluates the loss.
+    pub engine: &'a dyn Engine<T>,
+    /// λ; 0 in \[N24\].
+    pub weight_decay: f64,
+}
+
+impl<T: Scalar> Problem<'_, T> {
+    fn loss_and_gradient(&self, parameters: &[T], gradient: &mut [T]) -> Result<f64, Error> {
+        let loss = self.engine.loss_and_gradient(parameters, gradient)?;
+        if self.weight_decay <= 0.0 {
+            return Ok(loss);
+        }
+        let decay = T::from_f64(self.weight_decay);
+        for (g, p) in gradient.iter_mut().zip(parameters) {
+            *g += decay * *p;
+        }
+        Ok(loss + 0.5 * self.weight_decay * dot(parameters, parameters))
+    }
+}
+
 /// Stands between the optimiser and the engine.
 pub(super) struct Monitor<'a, T> {
-    engine: &'a dyn Engine<T>,
+    problem: Problem<'a, T>,
     settings: &'a Training,
     hooks: Hooks<'a, T>,
     started: f64,
@@ -35,12 +59,12 @@ pub(super) struct Monitor<'a, T> {
 
 impl<'a, T: Scalar> Monitor<'a, T> {
     pub(super) fn new(
-        engine: &'a dyn Engine<T>,
+        problem: Problem<'a, T>,
         settings: &'a Training,
         hooks: Hooks<'a, T>,
     ) -> Self {
         Self {
-            engine,
+            problem,
             settings,
             started: hooks.observer.seconds(),
             hooks,
@@ -49,7 +73,7 @@ impl<'a, T: Scalar> Monitor<'a, T> {
     }
 
     pub(super) fn engine(&self) -> &'a dyn Engine<T> {
-        self.engine
+        self.problem.engine
     }
 
     /// Evaluations so far.
@@ -85,12 +109,12 @@ impl<'a, T: Scalar> Monitor<'a, T> {
         gradient: &mut [T],
     ) -> Result<f64, Interrupt> {
         self.check_stop()?;
-        let loss = self.engine.loss_and_gradient(parameters, gradient)?;
+        let loss = self.problem.loss_and_gradient(parameters, gradient)?;
         self.evaluations += 1;
         let due = |evaluations: &[u64]| evaluations.contains(&self.evaluations);
         let finite = loss.is_finite() && gradient.iter().all(|g| g.to_f64().is_finite());
         if finite && due(&self.settings.histogram_evaluations) {
-            let architecture = self.engine.architecture();
+            let architecture = self.engine().architecture();
             let histogram = GradientHistogram::new(architecture, gradient, self.evaluations);
             self.hooks.observer.event(Event::Gradients(&histogram));
         }

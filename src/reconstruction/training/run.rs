@@ -6,10 +6,10 @@ use super::checkpoint::{Refusal, State};
 use super::holdout::Holdout;
 use super::iterate::{Interrupt, Iterate};
 use super::method::Method;
-use super::monitor::{Hooks, Monitor};
+use super::monitor::{Hooks, Monitor, Problem};
 use super::{Metrics, Termination};
 use crate::reconstruction::error::Error;
-use crate::reconstruction::network::{Engine, Scalar};
+use crate::reconstruction::network::Scalar;
 use crate::reconstruction::observer::{Event, Warning};
 use crate::reconstruction::settings::Training;
 
@@ -20,7 +20,7 @@ pub struct Trained<T> {
     pub parameters: Vec<T>,
     /// Evaluations that were made when `parameters` were reached.
     pub parameters_evaluation: u64,
-    /// Training loss of `parameters`.
+    /// Training loss of `parameters`, weight decay included.
     pub loss: f64,
     /// Validation loss of `parameters`; none without a hold-out.
     pub validation_loss: Option<f64>,
@@ -32,7 +32,7 @@ pub struct Trained<T> {
     pub evaluations: u64,
 }
 
-/// Fits the network to the engine's training samples, starting from `parameters`, or from the
+/// Fits the network to the training samples of the problem, starting from `parameters`, or from the
 /// checkpoint that the observer has.
 ///
 /// # Errors
@@ -45,12 +45,12 @@ pub struct Trained<T> {
 /// The same arguments give the same result, bit by bit also over interruptions, unless
 /// `time_limit_seconds` ends the run.
 pub fn train<'a, T: Scalar>(
-    engine: &'a dyn Engine<T>,
+    problem: Problem<'a, T>,
     parameters: Vec<T>,
     settings: &'a Training,
     hooks: Hooks<'a, T>,
 ) -> Result<Trained<T>, Error> {
-    let mut run = match Run::start(engine, parameters, settings, hooks) {
+    let mut run = match Run::start(problem, parameters, settings, hooks) {
         Ok(run) => run,
         Err(Interrupt::Stop(_)) => return Err(Error::Cancelled),
         Err(Interrupt::Failed(error)) => return Err(error),
@@ -80,12 +80,13 @@ struct Run<'a, T> {
 
 impl<'a, T: Scalar> Run<'a, T> {
     fn start(
-        engine: &'a dyn Engine<T>,
+        problem: Problem<'a, T>,
         parameters: Vec<T>,
         settings: &'a Training,
         hooks: Hooks<'a, T>,
     ) -> Result<Self, Interrupt> {
-        let mut monitor = Monitor::new(engine, settings, hooks);
+        let engine = problem.engine;
+        let mut monitor = Monitor::new(problem, settings, hooks);
         if let Some(data) = monitor.observer().checkpoint() {
             let dimension = engine.architecture().parameter_count();
             match State::decode(data, monitor.identity(), dimension) {

@@ -24,17 +24,19 @@ pub(super) struct Batch {
     block_points: usize,
     /// Three rows a block.
     points: Aligned,
-    targets: Aligned,
+    /// The least and the greatest value that costs nothing.
+    lower: Aligned,
+    upper: Aligned,
     weights: Aligned,
 }
 
 impl Batch {
     pub(super) fn new(samples: &Samples, block_points: usize) -> Self {
         let blocks = samples.points.len().div_ceil(block_points);
-        let column = |values: &[f64]| {
+        let column = |value: &dyn Fn(usize) -> f64| {
             let mut column = Aligned::zeros(blocks * block_points);
-            for (to, from) in column.iter_mut().zip(values) {
-                *to = *from as f32;
+            for (i, to) in column.iter_mut().enumerate().take(samples.len()) {
+                *to = value(i) as f32;
             }
             column
         };
@@ -47,8 +49,9 @@ impl Batch {
             count: samples.points.len(),
             block_points,
             points,
-            targets: column(&samples.targets),
-            weights: column(&samples.weights),
+            lower: column(&|i| samples.free_range(i)[0]),
+            upper: column(&|i| samples.free_range(i)[1]),
+            weights: column(&|i| samples.weights[i]),
         }
     }
 
@@ -75,10 +78,10 @@ impl Batch {
         &self.points[3 * self.block_points * blocks.start..3 * self.block_points * blocks.end]
     }
 
-    /// Targets and weights of a block.
-    pub(super) fn targets_and_weights(&self, block: usize) -> (&[f32], &[f32]) {
+    /// Of a block, the least and the greatest values that cost nothing, and the weights.
+    pub(super) fn targets(&self, block: usize) -> [&[f32]; 3] {
         let range = block * self.block_points..(block + 1) * self.block_points;
-        (&self.targets[range.clone()], &self.weights[range])
+        [&self.lower, &self.upper, &self.weights].map(|column| &column[range.clone()])
     }
 }
 
@@ -103,6 +106,7 @@ mod tests {
                 points: vec![[0.5; 3]; count],
                 targets: vec![1.0; count],
                 weights: vec![1.0; count],
+                one_sided: vec![false; count],
             };
             let batch = Batch::new(&samples, 64);
             let tiles = batch.tiles();
@@ -114,7 +118,7 @@ mod tests {
             }
             assert_eq!(next, count.div_ceil(64));
             assert!(batch.tile_points() <= TILE_POINTS);
-            let weights = (0..next).map(|block| batch.targets_and_weights(block).1);
+            let weights = (0..next).map(|block| batch.targets(block)[2]);
             // Whole numbers: the sum is exact.
             let weight: f64 = weights.flatten().map(|w| f64::from(*w)).sum();
             assert!((weight - count as f64).abs() < 0.5);

@@ -233,10 +233,11 @@ impl Tile<'_> {
         let mut sum = 0.0;
         for (slot, block) in self.blocks.clone().enumerate() {
             pass.forward::<N>(slot, self.batch.points(block..block + 1));
-            let (targets, weights) = self.batch.targets_and_weights(block);
-            let values = pass.scratch.values[slot * targets.len()..].iter_mut();
-            for ((f, target), weight) in values.zip(targets).zip(weights) {
-                let residual = *f - target;
+            let [lower, upper, weights] = self.batch.targets(block);
+            let values = pass.scratch.values[slot * weights.len()..].iter_mut();
+            for (((f, lower), upper), weight) in values.zip(lower).zip(upper).zip(weights) {
+                // Not the sum of what is beyond either end: that would hide a NaN.
+                let residual = *f - f.max(*lower).min(*upper);
                 let weighted = weight * residual;
                 sum += f64::from(weighted) * f64::from(residual);
                 *f = scale * weighted;

@@ -70,7 +70,7 @@ const ROUGH_LEANING: f64 = 0.5;
 pub struct Estimated {
     /// Outward unit normals.
     pub normals: Vec<Vec3>,
-    /// Standard deviation of the points from the surface: the median of local estimates.
+    /// Standard deviation of the points from the surface.
     pub noise: f64,
 }
 
@@ -97,6 +97,11 @@ pub fn orient(points: &[Vec3], tree: &Tree, neighbours: &Neighbourhoods) -> Esti
     } else {
         wound.into()
     }
+}
+
+/// Standard deviation of `points` from their surface, whose outward unit normals are known.
+pub fn noise(points: &[Vec3], normals: &[Vec3], tree: &Tree, neighbours: &Neighbourhoods) -> f64 {
+    Cloud::new(points, tree, neighbours).fitted(normals).noise()
 }
 
 /// What an even subset tells. Its neighbourhoods are wider than the noise; those of the cloud, of the
@@ -126,8 +131,11 @@ fn coarser(points: &[Vec3], count: usize) -> Estimated {
 }
 
 impl From<Jets> for Estimated {
-    fn from(Jets { normals, noise }: Jets) -> Self {
-        Self { normals, noise }
+    fn from(jets: Jets) -> Self {
+        Self {
+            noise: jets.noise(),
+            normals: jets.normals,
+        }
     }
 }
 
@@ -164,8 +172,8 @@ impl<'a> Cloud<'a> {
         let mut width = LEAST_WIDTH;
         let mut best = self.wound(width);
         for _ in 1..ROUNDS {
-            let noise = best.noise / self.spacing;
-            let wanted = (WIDTH_OF_NOISE * noise * noise / self.thinning).max(LEAST_WIDTH);
+            let error = best.error() / self.spacing;
+            let wanted = (WIDTH_OF_NOISE * error * error / self.thinning).max(LEAST_WIDTH);
             if wanted <= WORTH * width {
                 break;
             }
@@ -209,7 +217,7 @@ impl<'a> Cloud<'a> {
     }
 
     fn rough(&self, jets: &Jets) -> bool {
-        jets.noise > ROUGH * self.spacing
+        jets.error() > ROUGH * self.spacing
     }
 
     fn contradiction(&self, normals: &[Vec3]) -> f64 {

@@ -1,0 +1,60 @@
+//! How far samples can be trusted, from the noise and the spacing of the points: what they weigh, and how
+//! smooth the field has to be.
+
+/// Spacing over band from which a cloud is sparse: the distance of a place to the surface is then as
+/// unsure as the band is wide.
+const SPARSE: f64 = 0.8;
+
+/// Error of the distances at near samples, in spacings: that of normals and curvature.
+const NEAR_ERROR: f64 = 0.3;
+
+/// Error that surface points are taken to have besides their noise, in spacings, on sparse clouds ...
+const LEAST_ERROR_SPARSE: f64 = 0.03;
+
+/// ... and on the others, which converge slowly where weights are far apart.
+const LEAST_ERROR: f64 = 0.1;
+
+/// Weight decay over the variance of the noise in targets, times the samples. As the negative logarithm
+/// of a posterior it would be the inverse variance of the weights, 50 for Xavier's at width 50.
+const DECAY: f64 = 60.0;
+
+/// The same on sparse clouds, where no hold-out ends the training.
+const DECAY_SPARSE: f64 = 120.0;
+
+/// Whether a cloud of this spacing is sparse beside its band.
+pub(super) fn sparse(spacing: f64, band: f64) -> bool {
+    spacing > SPARSE * band
+}
+
+/// Noise and spacing of a cloud beside the band of its targets, all in the same unit.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Uncertainty {
+    /// Standard deviation of the points from the surface.
+    pub(super) noise: f64,
+    /// Median spacing of the points that are trained on.
+    pub(super) spacing: f64,
+    /// Distance at which graded targets reach ±1.
+    pub(super) band: f64,
+    /// Whether the points lie far apart beside the band ([`sparse`]).
+    pub(super) sparse: bool,
+}
+
+impl Uncertainty {
+    /// Weight of a surface point over that of a near sample: inverse variances.
+    pub(super) fn surface_weight(&self) -> f64 {
+        let least = if self.sparse {
+            LEAST_ERROR_SPARSE
+        } else {
+            LEAST_ERROR
+        };
+        let noise = self.noise / self.spacing;
+        let variance = |error: f64| noise * noise + error * error;
+        variance(NEAR_ERROR) / variance(least)
+    }
+
+    /// λ of λ/2 |parameters|² beside the mean square error of so many samples.
+    pub(super) fn weight_decay(&self, samples: usize) -> f64 {
+        let factor = if self.sparse { DECAY_SPARSE } else { DECAY };
+        factor * (self.noise / self.band).powi(2) / samples as f64
+    }
+}
