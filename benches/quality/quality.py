@@ -5,7 +5,7 @@
 
 BENCH holds bare/*.ply, truth/*.ply, index.json (truth and class of each cloud) and peers.json (what other
 tools reached). Prints a Markdown table a class: geometric means over its clouds, the peers beside them, and
-writes the figures as JSON. Chamfer: mean of both directed mean distances; Hausdorff-95: the larger 95 %
+writes tables, their picture (SVG) and the figures (JSON) to FOLDER. Chamfer: mean of both directed mean distances; Hausdorff-95: the larger 95 %
 quantile; both in % of the diagonal of the true surface.
 """
 
@@ -109,6 +109,43 @@ def table(title, ours, peers, genera):
     return "\n".join(lines) + "\n"
 
 
+# Of the picture, in pixels.
+WIDTH, LEFT, RIGHT, ROW = 760, 170, 30, 34
+
+
+def picture(rows):
+    """Chamfer of ours and of the peers, a line a class, on a logarithmic axis, as SVG."""
+    every = [value for _, ours, bare, given in rows for value in [ours, *bare, *given]]
+    low, high = (math.floor(math.log10(min(every))), math.ceil(math.log10(max(every))))
+    height = ROW * (len(rows) + 2)
+
+    def x(value):
+        return LEFT + (WIDTH - LEFT - RIGHT) * (math.log10(value) - low) / (high - low)
+
+    def dot(value, y, radius, colour):
+        return f'<circle cx="{x(value):.1f}" cy="{y}" r="{radius}" fill="{colour}"/>'
+
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" font-family="sans-serif" '
+        'font-size="13"><rect width="100%" height="100%" fill="#fff"/>',
+        f'<text x="{LEFT}" y="20">Chamfer, % of the diagonal:</text>',
+    ]
+    for k, (name, colour) in enumerate([("meshway", "#d1495b"), ("others", "#9aa5b1"), ("with true normals", "#4f86c6")]):
+        parts.append(f'<circle cx="{375 + 110 * k}" cy="16" r="5" fill="{colour}"/>')
+        parts.append(f'<text x="{385 + 110 * k}" y="20">{name}</text>')
+    for power in range(low, high + 1):
+        at = f"{x(10.0**power):.1f}"
+        parts.append(f'<line x1="{at}" x2="{at}" y1="{ROW}" y2="{height - ROW}" stroke="#ddd"/>')
+        parts.append(f'<text x="{at}" y="{height - 12}" text-anchor="middle">{10.0**power:g}</text>')
+    for k, (title, ours, bare, given) in enumerate(rows):
+        y = ROW * (k + 1) + ROW // 2
+        parts.append(f'<text x="10" y="{y + 4}">{title}</text>')
+        parts += [dot(value, y, 4, "#9aa5b1") for value in bare]
+        parts += [dot(value, y, 4, "#4f86c6") for value in given]
+        parts.append(dot(ours, y, 7, "#d1495b"))
+    return "\n".join([*parts, "</svg>\n"])
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bench", type=pathlib.Path)
@@ -126,7 +163,7 @@ def main():
     for name, entry in index.items():
         if re.search(options.only, name):
             classes.setdefault(entry["class"], []).append(name)
-    figures = {}
+    figures, tables, rows = {}, [], []
     for title, names in classes.items():
         ours = []
         for name in names:
@@ -134,7 +171,19 @@ def main():
             print(json.dumps(ours[-1]), file=sys.stderr, flush=True)
         genera = {name: genus[index[name]["truth"]] for name in names}
         figures[title] = ours
-        print(table(title, ours, peers_of(peers, names), genera), flush=True)
+        rivals = peers_of(peers, names)
+        tables.append(table(title, ours, rivals, genera))
+        print(tables[-1], flush=True)
+        done = [row["chamfer"] for row in ours if row["chamfer"] is not None]
+        bare, given = (
+            [means[0] for name, means in rivals.items() if name.endswith(TRUE_NORMALS) == favoured]
+            for favoured in (False, True)
+        )
+        if done:
+            rows.append((title, geometric_mean(done), bare, given))
+    (options.out / "tables.md").write_text("\n".join(tables))
+    if rows:
+        (options.out / "chamfer.svg").write_text(picture(rows))
     (options.out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
 
 

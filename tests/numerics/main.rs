@@ -14,3 +14,4 @@ mod shapes;
 mod surface;
 mod traces;
 mod training;
+mod uncertainty;

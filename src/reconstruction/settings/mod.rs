@@ -133,7 +133,8 @@ pub struct Training {
     #[serde(default)]
     pub smoothing: f64,
     /// Stop when the validation loss has not improved for so many evaluations, and keep the best
-    /// parameters; 0: never, and keep the last.
+    /// parameters; 0: never, and keep the last. Without a hold-out, as on sparse clouds, stop when the
+    /// loss has not fallen by 1 %.
     pub patience: u64,
     /// Stop training after so many seconds; 0: no limit. A run that is stopped by time is not
     /// reproducible.
@@ -192,7 +193,8 @@ pub struct Sampling {
     pub surface_points: usize,
     /// Points labelled interior, and as many labelled exterior, that are trained on, at most.
     pub labelled_points: usize,
-    /// Share of the surface points held out for validation when the cloud is within its budget.
+    /// Share of the surface points held out for validation when the cloud is within its budget. Sparse
+    /// clouds, whose spacing is more than 0.8 bands, need every point and give none.
     pub validation_fraction: f64,
     /// Pairs of samples generated along the normal of each surface point.
     pub near_pairs: usize,

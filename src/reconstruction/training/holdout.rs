@@ -1,4 +1,4 @@
-//! Early stopping on the hold-out.
+//! Early stopping: on the hold-out, or, without one, where the loss itself stands still.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +12,12 @@ const WORK_SHARE: f64 = 0.1;
 /// layer has one product for the weights and one for the activations.
 const GRADIENT_WORK: f64 = 3.0;
 
-/// Watches the validation loss and keeps the best parameters.
+/// Without a hold-out, the share by which the loss must fall to count as an improvement. Weight decay keeps
+/// it from falling for ever.
+const LEAST_FALL: f64 = 0.01;
+
+/// Watches the validation loss and keeps the best parameters; without a hold-out, the loss.
+
 pub(super) struct Holdout<'a, T> {
     engine: &'a dyn Engine<T>,
     /// Evaluations without improvement that are allowed; 0: any number.
@@ -65,8 +70,11 @@ impl<'a, T: Scalar> Holdout<'a, T> {
             return Ok(None);
         }
         let validation_loss = self.engine.validation_loss(&at.parameters)?;
-        let lowest = self.best.as_ref().and_then(|best| best.validation_loss);
-        let improves = validation_loss.is_some_and(|loss| loss < lowest.unwrap_or(f64::INFINITY));
+        let improves = match (&self.best, validation_loss) {
+            (None, loss) => loss.is_none_or(f64::is_finite),
+            (Some(best), Some(loss)) => best.validation_loss.is_none_or(|lowest| loss < lowest),
+            (Some(best), None) => at.loss < (1.0 - LEAST_FALL) * best.loss,
+        };
         if improves && self.patience > 0 {
             self.best = Some(Chosen {
                 parameters: at.parameters.clone(),
@@ -78,13 +86,13 @@ impl<'a, T: Scalar> Holdout<'a, T> {
         Ok(validation_loss)
     }
 
-    /// Whether the validation loss has not improved for `patience` evaluations.
+    /// Whether there has been no improvement for `patience` evaluations.
     pub(super) fn exhausted(&self, evaluation: u64) -> bool {
         let best = self.best.as_ref();
         self.patience > 0 && best.is_some_and(|b| evaluation - b.evaluation >= self.patience)
     }
 
-    /// The best parameters, where they were kept, else the last.
+    /// The best parameters on the hold-out, where they were kept, else the last.
     pub(super) fn choose(
         mut self,
         last: Iterate<T>,
@@ -94,7 +102,8 @@ impl<'a, T: Scalar> Holdout<'a, T> {
         // The last iterate need not have been due.
         self.interval = 1;
         let validation_loss = self.visit(&last, iteration, evaluation)?;
-        Ok(self.best.unwrap_or(Chosen {
+        let best = self.best.filter(|best| best.validation_loss.is_some());
+        Ok(best.unwrap_or(Chosen {
             parameters: last.parameters,
             evaluation,
             loss: last.loss,

@@ -36,7 +36,8 @@ pub enum Termination {
     MaxIterations,
     /// `time_limit_seconds` went by.
     TimeLimit,
-    /// The validation loss has not improved for `patience` evaluations.
+    /// For `patience` evaluations the validation loss has not improved, or, without one, the loss has not
+    /// fallen by 1 %.
     NoImprovement,
     /// The observer asked to stop.
     Cancelled,
