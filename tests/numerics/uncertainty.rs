@@ -27,10 +27,6 @@ impl Observer for Silent {
     }
 }
 
-fn drawn(shape: &Shape, recipe: Recipe) -> PointCloud {
-    sample(shape, &recipe)
-}
-
 fn bare(points: usize) -> Recipe {
     Recipe {
         points,
@@ -55,7 +51,7 @@ fn noise_is_told_from_shape() {
                 noise_percent: given,
                 ..bare(points)
             };
-            let prepared = prepared(&drawn(&shape, recipe));
+            let prepared = prepared(&sample(&shape, &recipe));
             let found = 100.0 * prepared.noise.unwrap() / prepared.diagonal;
             let context = format!("{shape} {points}: {found} of {given}");
             // What fits to 300 points miss of the shape itself.
@@ -69,8 +65,8 @@ fn noise_is_told_from_shape() {
 
 #[test]
 fn sparse_clouds_give_all_their_points_and_bounds() {
-    let sparse = prepared(&drawn(&SPHERE, bare(300)));
-    let dense = prepared(&drawn(&SPHERE, bare(3_000)));
+    let sparse = prepared(&sample(&SPHERE, &bare(300)));
+    let dense = prepared(&sample(&SPHERE, &bare(3_000)));
     assert_eq!(sparse.counts.surface, 300);
     assert!(sparse.validation.is_empty());
     assert_eq!(dense.counts.surface, 2_700);
@@ -86,10 +82,10 @@ fn sparse_clouds_give_all_their_points_and_bounds() {
 
 #[test]
 fn noise_takes_weight_from_the_points_and_gives_it_to_decay() {
-    let clean = prepared(&drawn(&TORUS, bare(1_500)));
-    let noisy = prepared(&drawn(
+    let clean = prepared(&sample(&TORUS, &bare(1_500)));
+    let noisy = prepared(&sample(
         &TORUS,
-        Recipe {
+        &Recipe {
             noise_percent: 1.0,
             ..bare(1_500)
         },
@@ -98,7 +94,7 @@ fn noise_takes_weight_from_the_points_and_gives_it_to_decay() {
     assert!(noisy.weight_decay > 10.0 * clean.weight_decay);
     let mut settings = Preset::Balanced.settings();
     settings.training.smoothing = 0.0;
-    let plain = prepare(&drawn(&TORUS, bare(1_500)), &settings, &|| false).unwrap();
+    let plain = prepare(&sample(&TORUS, &bare(1_500)), &settings, &|| false).unwrap();
     assert!(plain.weight_decay.abs() < f64::EPSILON);
 }
 
@@ -109,7 +105,7 @@ fn around_a_hole_no_sample_closes_it() {
         missing_percent: 30.0,
         ..bare(3_000)
     };
-    let prepared = prepared(&drawn(&SPHERE, recipe));
+    let prepared = prepared(&sample(&SPHERE, &recipe));
     let samples = &prepared.training;
     let wrong = (0..samples.len()).filter(|&i| {
         let truth = SPHERE.signed(prepared.frame.to_world(samples.points[i]));
@@ -178,7 +174,7 @@ fn bare_points_give_the_shape_closely() {
             missing_percent,
             ..bare(points)
         };
-        let made = reconstruct(&drawn(&shape, recipe), &settings, &Silent).unwrap();
+        let made = reconstruct(&sample(&shape, &recipe), &settings, &Silent).unwrap();
         let found = error(&made, &shape);
         let topology = made.report.mesh.topology;
         let context = format!("{shape} {points} {noise_percent} {missing_percent}: {found}");

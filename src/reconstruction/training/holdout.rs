@@ -17,7 +17,6 @@ const GRADIENT_WORK: f64 = 3.0;
 const LEAST_FALL: f64 = 0.01;
 
 /// Watches the validation loss and keeps the best parameters; without a hold-out, the loss.
-
 pub(super) struct Holdout<'a, T> {
     engine: &'a dyn Engine<T>,
     /// Evaluations without improvement that are allowed; 0: any number.
