@@ -5,8 +5,8 @@
 
 BENCH holds bare/*.ply, truth/*.ply, index.json (truth and class of each cloud) and peers.json (what other
 tools reached). Prints a Markdown table a class: geometric means over its clouds, the peers beside them, and
-writes tables, their picture (SVG) and the figures (JSON) to FOLDER. Chamfer: mean of both directed mean distances; Hausdorff-95: the larger 95 %
-quantile; both in % of the diagonal of the true surface.
+writes tables, their picture (SVG) and the figures (JSON) to FOLDER. Chamfer: mean of both directed mean
+distances; Hausdorff-95: the larger 95 % quantile; both in % of the diagonal of the true surface.
 """
 
 import argparse
@@ -88,6 +88,14 @@ def peers_of(peers, names):
     return rows
 
 
+def by_normals(peers):
+    """Tools and figures, the best Chamfer first: those on bare points, and those with true normals."""
+    best = sorted(peers.items(), key=lambda item: item[1][0])
+    return [
+        [item for item in best if item[0].endswith(TRUE_NORMALS) == favoured] for favoured in (False, True)
+    ]
+
+
 def table(title, ours, peers, genera):
     done = [row for row in ours if row["chamfer"] is not None]
     right = sum(row["genus"] == genera[row["name"]] for row in done)
@@ -100,10 +108,7 @@ def table(title, ours, peers, genera):
         "|---|---|---|---|",
         "| **meshway** | **{:.4f}** | **{:.3f}** | **{:.1f}** |".format(*means),
     ]
-    best = sorted(peers.items(), key=lambda item: item[1][0])
-    bare, given = (
-        [item for item in best if item[0].endswith(TRUE_NORMALS) == favoured] for favoured in (False, True)
-    )
+    bare, given = by_normals(peers)
     for tool, figures in bare[:3] + given[:1]:
         lines.append("| {} | {:.4f} | {:.3f} | {:.1f} |".format(tool, *figures))
     return "\n".join(lines) + "\n"
@@ -175,10 +180,7 @@ def main():
         tables.append(table(title, ours, rivals, genera))
         print(tables[-1], flush=True)
         done = [row["chamfer"] for row in ours if row["chamfer"] is not None]
-        bare, given = (
-            [means[0] for name, means in rivals.items() if name.endswith(TRUE_NORMALS) == favoured]
-            for favoured in (False, True)
-        )
+        bare, given = ([means[0] for _, means in kind] for kind in by_normals(rivals))
         if done:
             rows.append((title, geometric_mean(done), bare, given))
     (options.out / "tables.md").write_text("\n".join(tables))

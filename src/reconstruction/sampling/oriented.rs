@@ -1,11 +1,12 @@
 //! The surface as its points tell it: normals, spacing, which side is inside, how far it is.
 
+use rayon::prelude::*;
+
 use super::neighbours::{Neighbourhoods, Tree, quantile};
 use super::normals::{NormalSource, Normals, normals};
 use super::winding::{Oriented, Winding};
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::vector::{Vec3, along, dot, sub};
-use rayon::prelude::*;
 
 /// A place is surely inside or outside where its winding number is so near to 1 or 0: a band of 0.3 around
 /// one half stays undecided.

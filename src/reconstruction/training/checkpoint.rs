@@ -43,13 +43,9 @@ impl Identity {
             samples.points.iter().for_each(|p: &Vec3| add(&mut hash, p));
             add(&mut hash, &samples.targets);
             add(&mut hash, &samples.weights);
-            hash.update(
-                samples
-                    .one_sided
-                    .iter()
-                    .map(|b| u8::from(*b))
-                    .collect::<Vec<_>>(),
-            );
+            for one_sided in &samples.one_sided {
+                hash.update([u8::from(*one_sided)]);
+            }
         }
         Self(hash.finalize().into())
     }
