@@ -1,11 +1,13 @@
 //! What becomes of jobs when processes die, stop, hang, or take too much memory.
 
+use std::fs;
 use std::process::Stdio;
 use std::time::Duration;
 
 use meshway::jobs::{FailureReason, Job, NewEvent, Options, Record, Status, Store, clock};
 use rustix::process::{Signal, kill_process, test_kill_process};
 use serde_json::json;
+use sqlx::Connection as _;
 
 use crate::server::{Folder, PATIENCE, PROGRAM, until};
 use crate::wire::Connection;
@@ -289,7 +291,7 @@ async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
         ])
         .args([
             "--grace-milliseconds=10000",
-            "--script=sleep:3",
+            "--script=sleep:5",
             "--log-format=text",
         ])
         .args(["--log=off", "--data-dir"])
@@ -302,16 +304,18 @@ async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
     let id = folder.submit(json!({})).await;
     let pid = folder.running(&id).await;
     let store = &folder.store;
-    // Not in the middle of a write: nobody else could write then.
-    until("it is stopped between two writes", PATIENCE, async || {
-        kill_process(pid, Signal::STOP).unwrap();
-        if store.check_writable().await.is_ok() {
-            return Some(());
-        }
-        kill_process(pid, Signal::CONT).unwrap();
-        None
+    // Not in the middle of a write, after which nobody could write: the test has the write lock
+    // until the worker stands still.
+    let mut lock = folder.connection().await;
+    let write = lock.begin_with("BEGIN IMMEDIATE").await.unwrap();
+    kill_process(pid, Signal::STOP).unwrap();
+    until("it stands still", PATIENCE, async || {
+        let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+        stat.contains(") T ").then_some(())
     })
     .await;
+    write.rollback().await.unwrap();
+    assert_eq!(folder.job(&id).await.status, Status::Running);
     until("the lease runs out", PATIENCE, async || {
         let reaped = store.reap_expired().await.unwrap();
         (reaped == [id.clone()]).then_some(())
