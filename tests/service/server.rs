@@ -19,7 +19,7 @@ use tempfile::TempDir;
 use crate::http_support::sphere_xyz;
 
 /// How long anything may take on a busy machine before a test gives up.
-pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
+pub(crate) const PATIENCE: Duration = Duration::from_mins(4);
 /// Time between two looks at a condition.
 const LOOK: Duration = Duration::from_millis(20);
 
