@@ -100,15 +100,19 @@ impl Sampler<'_> {
         let places: Vec<Vec3> = (0..count)
             .map(|k| place(region, k % SHELL_EVERY == 0, random))
             .collect();
-        let found: Vec<Option<(Vec3, f64)>> = places
+        let mut found: Vec<(f64, (Vec3, f64))> = places
             .par_iter()
-            .map(|&q| {
+            .filter_map(|&q| {
                 let inside = self.surface.inside(q)?;
                 let (_, distance) = self.surface.nearest(q);
-                Some((q, self.grading.target(inside, distance)))
+                Some((distance, (q, self.grading.target(inside, distance))))
             })
             .collect();
-        let samples: Samples = found.into_iter().flatten().collect();
+        if self.sparse {
+            // The bounds that hold, which are the far ones, in blocks that cost no gradient.
+            found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        }
+        let samples: Samples = found.into_iter().map(|(_, sample)| sample).collect();
         if self.sparse {
             samples.at_least()
         } else {

@@ -114,7 +114,7 @@ pub struct Training {
     pub optimizer: Optimizer,
     /// First trial step of each L-BFGS line search.
     pub learning_rate: f64,
-    /// L-BFGS pairs that are kept.
+    /// Most L-BFGS pairs that are kept; of generated samples, no more than one for 64 samples.
     pub history: usize,
     /// Stop when no component of the gradient is larger.
     pub tolerance_gradient: f64,

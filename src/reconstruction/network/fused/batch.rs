@@ -73,9 +73,9 @@ impl Batch {
         longest * self.block_points
     }
 
-    /// Three rows of coordinates for each of these blocks.
-    pub(super) fn points(&self, blocks: Range<usize>) -> &[f32] {
-        &self.points[3 * self.block_points * blocks.start..3 * self.block_points * blocks.end]
+    /// Three rows of coordinates of a block.
+    pub(super) fn points(&self, block: usize) -> &[f32] {
+        &self.points[3 * self.block_points * block..][..3 * self.block_points]
     }
 
     /// Of a block, the least and the greatest values that cost nothing, and the weights.

@@ -231,23 +231,30 @@ impl Tile<'_> {
         let count = self.batch.count as f64;
         let scale = (2.0 / count) as f32;
         let mut sum = 0.0;
-        for (slot, block) in self.blocks.clone().enumerate() {
-            pass.forward::<N>(slot, self.batch.points(block..block + 1));
+        let mut kept = 0;
+        for block in self.blocks {
+            let points = self.batch.points(block);
+            pass.forward::<N>(kept, points);
             let [lower, upper, weights] = self.batch.targets(block);
-            let values = pass.scratch.values[slot * weights.len()..].iter_mut();
+            let values = pass.scratch.values[kept * weights.len()..].iter_mut();
+            let mut at_rest = true;
             for (((f, lower), upper), weight) in values.zip(lower).zip(upper).zip(weights) {
                 // Not the sum of what is beyond either end: that would hide a NaN.
                 let residual = *f - f.max(*lower).min(*upper);
                 let weighted = weight * residual;
                 sum += f64::from(weighted) * f64::from(residual);
                 *f = scale * weighted;
+                at_rest &= weighted == 0.0;
             }
-            if !self.gradient.is_empty() {
-                pass.backward::<N>(slot);
+            // Where all bounds hold there is no gradient, and no way back.
+            if !self.gradient.is_empty() && !at_rest {
+                pass.keep_points(kept, points);
+                pass.backward::<N>(kept);
+                kept += 1;
             }
         }
-        if !self.gradient.is_empty() {
-            pass.weight_gradients::<N>(self.batch.points(self.blocks), self.gradient);
+        if kept > 0 {
+            pass.weight_gradients::<N>(kept, self.gradient);
         }
         sum / count
     }

@@ -58,6 +58,8 @@ pub(super) struct Scratch {
     slopes: Vec<Aligned>,
     /// f, and ∂L/∂f in its place.
     pub(super) values: Aligned,
+    /// Coordinates of the points, three rows a block, where weight gradients are wanted.
+    points: Aligned,
     /// ∂L/∂a of one block, for [`Rule::Resnet`].
     carried: Aligned,
 }
@@ -76,6 +78,7 @@ impl Scratch {
             outputs: layers(),
             slopes: layers(),
             values: Aligned::zeros(points),
+            points: Aligned::zeros(3 * points),
             carried: Aligned::zeros(if carries { width * block_points } else { 0 }),
         }
     }
@@ -123,6 +126,12 @@ impl<S: Simd> Pass<'_, S> {
         block_of_mut::<S, N>(&mut self.scratch.values, block, 1)[0] = f;
     }
 
+    /// Keeps the points of a block for its [`weight_gradients`](Self::weight_gradients).
+    #[inline(always)]
+    pub(super) fn keep_points(&mut self, block: usize, points: &[f32]) {
+        self.scratch.points[block * points.len()..][..points.len()].copy_from_slice(points);
+    }
+
     /// From ∂L/∂f in `values` of the block to ∂L/∂z of each hidden layer.
     #[inline(always)]
     pub(super) fn backward<const N: usize>(&mut self, block: usize) {
@@ -164,13 +173,11 @@ impl<S: Simd> Pass<'_, S> {
         products::backward(self.simd, map, &mut input);
     }
 
-    /// ∂L/∂parameters over all blocks of `points`, added to `gradient`, in which every weight is
+    /// ∂L/∂parameters over the first `blocks` blocks, added to `gradient`, in which every weight is
     /// followed by its bias.
     #[inline(always)]
-    pub(super) fn weight_gradients<const N: usize>(&self, points: &[f32], gradient: &mut [f32]) {
+    pub(super) fn weight_gradients<const N: usize>(&self, blocks: usize, gradient: &mut [f32]) {
         let scratch = &*self.scratch;
-        let points = rows::<S, N>(points);
-        let blocks = points.len() / 3;
         let mut rest = gradient;
         for (h, map) in self.network.maps.iter().enumerate() {
             let (rows, columns) = (map.weight.rows, map.weight.columns);
@@ -181,7 +188,7 @@ impl<S: Simd> Pass<'_, S> {
                     Some(before) => {
                         &self::rows::<S, N>(&scratch.outputs[before])[..blocks * columns]
                     }
-                    None => points,
+                    None => &self::rows::<S, N>(&scratch.points)[..3 * blocks],
                 },
                 rows,
                 columns,
