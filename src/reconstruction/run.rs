@@ -1,8 +1,8 @@
 //! The whole method in one screen: cloud and settings in, mesh and report out.
 
-use super::cloud::PointCloud;
+use super::cloud::{Label, PointCloud};
 use super::error::Error;
-use super::mesh::TriangleMesh;
+use super::mesh::{PointTree, TriangleMesh};
 use super::network::{Architecture, Engine, Model, Scalar, engine, initial_parameters};
 use super::observer::{Event, Observer, Phase};
 use super::report::{Report, Stopwatch, Subject, SurfaceReport, TrainingReport};
@@ -101,6 +101,9 @@ fn run<T: Scalar>(
     observer.event(Event::Phase(Phase::Surface));
     let progress = |share| observer.event(Event::Progress(share));
     let (mesh, surface) = mesher.mesh(field.as_ref(), &stopped, &progress)?;
+    if let Some(warning) = surface.warning() {
+        observer.event(Event::Warning(&warning));
+    }
     stopwatch.lap(Phase::Surface);
 
     observer.event(Event::Phase(Phase::Report));
@@ -190,6 +193,7 @@ fn history(settings: &Settings, prepared: &Prepared) -> usize {
 
 /// Turns fields into meshes: everything that is the same for snapshots and for the result.
 struct Mesher<'a> {
+    cloud: &'a PointCloud,
     settings: &'a Settings,
     prepared: &'a Prepared,
     observer: &'a dyn Observer,
@@ -199,7 +203,7 @@ struct Mesher<'a> {
 
 impl<'a> Mesher<'a> {
     fn new(
-        cloud: &PointCloud,
+        cloud: &'a PointCloud,
         settings: &'a Settings,
         prepared: &'a Prepared,
         observer: &'a dyn Observer,
@@ -217,6 +221,7 @@ impl<'a> Mesher<'a> {
         let bounds = Bounds::of(&surface_points).unwrap_or(origin);
         let bounds = bounds.padded(settings.surface.padding * bounds.longest_edge());
         Self {
+            cloud,
             settings,
             prepared,
             observer,
@@ -264,9 +269,22 @@ impl<'a> Mesher<'a> {
         for vertex in &mut mesh.vertices {
             *vertex = self.prepared.frame.to_world(*vertex);
         }
+        mesh.distance_to_points = self.distances_to_points(&mesh.vertices);
+        report.supported(&mesh, self.prepared.frame.length_to_world(reach));
         Ok((mesh, report))
+    }
+
+    /// From each of `places` to the nearest surface point of the cloud, trained on or not, in its coordinates.
+    fn distances_to_points(&self, places: &[Vec3]) -> Vec<f64> {
+        let points: Vec<Vec3> = self
+            .cloud
+            .indices(Label::Surface)
+            .map(|i| self.cloud.points[i])
+            .collect();
+        PointTree::new(&points).map_or_else(Vec::new, |tree| tree.distances(places))
     }
 }
 
-/// How far a point may be from a component that it supports, in spacings of points or grid.
+/// How far a point may be from a component, or a piece of the surface, that it supports, in spacings of points
+/// or grid. The gaps of a random sampling stay below two.
 const SUPPORT_REACH: f64 = 3.0;

@@ -1,7 +1,10 @@
 //! Normals of bare points: side, direction, and the noise that the points tell.
 
+use meshway::reconstruction::Preset;
+use meshway::reconstruction::cloud::PointCloud;
 use meshway::reconstruction::sampling::neighbours::{Neighbourhoods, Tree};
 use meshway::reconstruction::sampling::orientation::{Estimated, orient};
+use meshway::reconstruction::sampling::prepare;
 use meshway::reconstruction::shapes::{Recipe, Shape, sample};
 use meshway::reconstruction::vector::{Bounds, Vec3, add, dot, scale};
 
@@ -133,4 +136,48 @@ fn noise_above_the_spacing_is_looked_at_from_afar() {
     let (points, truth) = drawn(SPHERE, 30_000, 1.0);
     let (right, angle) = compared(&estimated(&points).normals, &truth);
     assert!(right > 0.999 && angle < 8.0, "{right}, {angle}°");
+}
+
+fn confidence(points: &[Vec3], normals: Option<Vec<Vec3>>) -> f64 {
+    let cloud = PointCloud {
+        points: points.to_vec(),
+        normals,
+        labels: None,
+    };
+    let prepared = prepare(&cloud, &Preset::Balanced.settings(), &|| false).unwrap();
+    prepared.orientation_confidence.unwrap()
+}
+
+#[test]
+fn confidence_is_near_1_where_the_sides_are_sure() {
+    for (shape, points, noise) in [
+        (SPHERE, 1_000, 0.0),
+        (SPHERE, 300, 0.0),
+        (TORUS, 1_500, 0.5),
+        (Shape::Uterus, 1_000, 0.0),
+    ] {
+        let (points, truth) = drawn(shape, points, noise);
+        for normals in [Some(truth), None] {
+            let found = confidence(&points, normals);
+            assert!(found > 0.98, "{shape}, noise {noise} %: {found}");
+        }
+    }
+}
+
+#[test]
+fn confidence_falls_with_every_wrong_normal() {
+    let (points, truth) = drawn(SPHERE, 1_000, 0.0);
+    let turned = |wrong: &dyn Fn(usize) -> bool| {
+        let normals = truth.iter().enumerate();
+        let normals = normals.map(|(i, n)| if wrong(i) { scale(*n, -1.0) } else { *n });
+        confidence(&points, Some(normals.collect()))
+    };
+    // One turned point in ten pulls the winding number beside its neighbours below one half as well.
+    let few = turned(&|i| i % 10 == 0);
+    assert!(few > 0.1 && few < 0.8, "{few}");
+    let half = turned(&|i| i % 2 == 0);
+    assert!(half < 0.1, "{half}");
+    // Each point agrees with its neighbours here, but half of them are on the wrong side.
+    let cap = turned(&|i| points[i][2] > 0.0);
+    assert!(cap > 0.2 && cap < 0.8, "{cap}");
 }

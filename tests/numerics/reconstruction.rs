@@ -8,7 +8,7 @@ use meshway::reconstruction::cloud::{Label, PointCloud};
 use meshway::reconstruction::settings::{OffSurface, Preset};
 use meshway::reconstruction::shapes::{Recipe, Shape, sample};
 use meshway::reconstruction::training::Termination;
-use meshway::reconstruction::vector::Vec3;
+use meshway::reconstruction::vector::{Vec3, distance};
 use meshway::reconstruction::{
     Error, Event, Observer, Phase, Reconstruction, Settings, reconstruct,
 };
@@ -149,6 +149,35 @@ fn far_from_the_origin_the_mesh_is_the_same() {
         let moved: Vec3 = moved(near);
         // Neighbouring f64 near a million are 1.2e-10 apart; a rounding each for the vertex and here.
         assert!((0..3).all(|a| (moved[a] - far[a]).abs() < 2.4e-10));
+    }
+}
+
+#[test]
+fn vertices_know_their_distance_to_the_surface_points() {
+    let recipe = Recipe {
+        points: 1_500,
+        interior: 50,
+        ..Recipe::default()
+    };
+    let mut cloud = sample(&SPHERE, &recipe);
+    for x in cloud.points.as_flattened_mut() {
+        *x = 10.0 * *x + 3.0;
+    }
+    let mut settings = small(20);
+    settings.sampling.surface_points = 1_000;
+    let made = run(&cloud, &settings).unwrap();
+    assert_eq!(made.report.samples.held_out, 500);
+    let on_surface: Vec<Vec3> = cloud
+        .indices(Label::Surface)
+        .map(|i| cloud.points[i])
+        .collect();
+    assert_eq!(made.mesh.distance_to_points.len(), made.mesh.vertices.len());
+    for (vertex, found) in made.mesh.vertices.iter().zip(&made.mesh.distance_to_points) {
+        let distances = on_surface.iter().map(|p| distance(*p, *vertex));
+        assert_eq!(
+            found.to_bits(),
+            distances.fold(f64::MAX, f64::min).to_bits()
+        );
     }
 }
 

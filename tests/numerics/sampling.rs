@@ -197,6 +197,7 @@ fn the_paper_takes_exactly_the_labelled_points() {
     let cloud = sample(&SPHERE, &recipe);
     let prepared = run(&cloud, &Preset::Paper.settings());
     assert_eq!(prepared.training.points, cloud.points);
+    assert_eq!(prepared.orientation_confidence, None);
     let labels: Vec<f64> = (0..230).map(|i| cloud.label(i).target()).collect();
     assert_eq!(prepared.training.targets, labels);
     assert_eq!(prepared.training.weights, vec![1.0; 230]);

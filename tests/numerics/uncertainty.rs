@@ -176,7 +176,7 @@ fn bare_points_give_the_shape_closely() {
         };
         let made = reconstruct(&sample(&shape, &recipe), &settings, &Silent).unwrap();
         let found = error(&made, &shape);
-        let topology = made.report.mesh.topology;
+        let topology = &made.report.mesh.topology;
         let context = format!("{shape} {points} {noise_percent} {missing_percent}: {found}");
         assert!(topology.closed && topology.manifold, "{context}");
         assert_eq!(
@@ -185,5 +185,18 @@ fn bare_points_give_the_shape_closely() {
             "{context}"
         );
         assert!(found < most, "{context}");
+        // What is missing, but for a rim of three spacings; nothing in the gaps of a random sampling.
+        let unsupported = made.report.surface.unsupported_area_percent;
+        let [least, most] = if missing_percent > 0.0 {
+            [0.3 * missing_percent, missing_percent]
+        } else {
+            [0.0, 0.01]
+        };
+        let context = format!("{context}, unsupported {unsupported} %");
+        assert!(unsupported >= least && unsupported <= most, "{context}");
+        let mut warnings = made.report.warnings.iter();
+        let warned = warnings.any(|warning| warning.code == "surface_unsupported");
+        assert_eq!(warned, missing_percent > 0.0, "{context}");
+        assert_eq!(made.report.summary().contains("no point within"), warned);
     }
 }

@@ -95,6 +95,12 @@ async fn a_mesh_is_the_same_in_every_format() {
         let name = format!("mesh.{ending}");
         let mesh = read::read(&answer.body, Some(&name)).unwrap();
         assert_eq!(mesh.triangles.len(), 4, "{ending}");
+        let distances: &[f64] = if ending == "ply" {
+            &[0.5, 0.0, 0.25, 2.0]
+        } else {
+            &[]
+        };
+        assert_eq!(mesh.distance_to_points, distances, "{ending}");
         let accept = [("accept", media_type)];
         let same = get_with(&service, &format!("/v1/jobs/{id}/mesh"), &accept).await;
         assert_eq!(same.header("vary"), "accept");

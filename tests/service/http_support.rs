@@ -266,7 +266,8 @@ pub(crate) fn tetrahedron() -> Vec<u8> {
     let mesh = TriangleMesh {
         vertices: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
-        normals: Vec::new(),
+        distance_to_points: vec![0.5, 0.0, 0.25, 2.0],
+        ..TriangleMesh::default()
     };
     let mut bytes = Vec::new();
     write::write(&mesh, write::Format::PlyBinary, &mut bytes).unwrap();

@@ -9,6 +9,7 @@ use meshway::reconstruction::network::Model;
 use rustix::process::{Signal, kill_process};
 use serde_json::json;
 
+use crate::http_contract::expect_named;
 use crate::server::{Folder, PATIENCE, PROGRAM, until};
 
 /// Cancelled work ends within so long: two seconds are promised; the machine may be busy.
@@ -31,10 +32,23 @@ async fn a_job_becomes_a_mesh_a_report_and_a_model() {
     assert_eq!(report["mesh"]["closed"], true);
     assert_eq!(report["inputs"][0]["sha256"], "a".repeat(64));
     assert_eq!(report["inputs"][0]["name"], "");
+    expect_named("Report", &report);
+    for (group, name) in [
+        ("cloud", "orientation_confidence"),
+        ("surface", "support_distance"),
+        ("surface", "unsupported_area_percent"),
+    ] {
+        assert!(report[group][name].is_number(), "{group}/{name}");
+    }
     let store = &folder.store;
     let mesh = store.mesh_info(&id, 0).await.unwrap().unwrap();
     let bytes = store.mesh_chunk(mesh.id, 0).await.unwrap().unwrap();
     assert!(bytes.starts_with(b"ply\n") && mesh.triangles > 100);
+    let header = String::from_utf8_lossy(&bytes[..400]);
+    assert!(
+        header.contains("property float distance_to_points\n"),
+        "{header}"
+    );
     assert_eq!(store.snapshots(&id).await.unwrap().len(), 1);
     assert_eq!(store.gradients(&id).await.unwrap().len(), 2);
     let (model, _) = store.model(&id).await.unwrap().unwrap();

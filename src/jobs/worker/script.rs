@@ -158,6 +158,7 @@ fn sphere(bands: u32, sectors: u32) -> TriangleMesh {
         normals: vertices.clone(),
         vertices,
         triangles,
+        ..TriangleMesh::default()
     }
 }
 

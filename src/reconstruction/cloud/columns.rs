@@ -68,7 +68,7 @@ impl Columns {
     }
 
     /// The slot of a column.
-    pub(super) fn slot(&self, column: usize) -> Option<usize> {
+    pub(in crate::reconstruction) fn slot(&self, column: usize) -> Option<usize> {
         self.slots.get(column).copied().flatten()
     }
 

@@ -6,7 +6,7 @@
 
 mod binary;
 mod collector;
-mod columns;
+pub(super) mod columns;
 mod error;
 mod format;
 mod npy;

@@ -36,6 +36,24 @@ impl TriangleMesh {
             .sum()
     }
 
+    /// Share of the area further than `reach` from the points that the mesh was made of, by
+    /// [`distance_to_points`](Self::distance_to_points): each vertex stands for a third of its triangles. 0
+    /// for a mesh without area or without these distances.
+    pub fn share_beyond(&self, reach: f64) -> f64 {
+        let beyond = |v: u32| {
+            let distance = self.distance_to_points.get(v as usize);
+            distance.is_some_and(|distance| *distance > reach)
+        };
+        let (mut all, mut far) = (0.0, 0.0);
+        for (t, triangle) in self.triangles.iter().enumerate() {
+            let area = self.triangle_area(t);
+            let corners = triangle.iter().filter(|v| beyond(**v)).count();
+            all += area;
+            far += area * corners as f64 / 3.0;
+        }
+        if all > 0.0 { far / all } else { 0.0 }
+    }
+
     /// Enclosed volume, positive where the triangles face outwards; of a closed mesh only.
     ///
     /// V = Σ a·(b × c) / 6 over the triangles (divergence theorem), with the origin in the middle
@@ -86,9 +104,14 @@ impl TriangleMesh {
         for v in self.triangles.iter_mut().flatten() {
             *v = moved_to[*v as usize];
         }
-        for attribute in [&mut self.vertices, &mut self.normals] {
-            let mut used = used.iter();
-            attribute.retain(|_| used.next().is_none_or(|&used| used));
-        }
+        retain(&mut self.vertices, &used);
+        retain(&mut self.normals, &used);
+        retain(&mut self.distance_to_points, &used);
     }
+}
+
+/// Keeps the items of an attribute whose vertices are used; it may have none at all.
+fn retain<T>(attribute: &mut Vec<T>, used: &[bool]) {
+    let mut used = used.iter();
+    attribute.retain(|_| used.next().is_none_or(|&used| used));
 }

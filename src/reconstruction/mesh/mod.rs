@@ -13,6 +13,9 @@ use super::vector::Vec3;
 pub use distance::{Closest, Distances, PointTree, SurfacePoint, SurfaceTree, sample_surface};
 pub use topology::{Topology, components};
 
+/// Name in PLY files of [`TriangleMesh::distance_to_points`].
+const PLY_DISTANCE: &str = "distance_to_points";
+
 /// A triangle mesh with shared vertices.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TriangleMesh {
@@ -22,4 +25,8 @@ pub struct TriangleMesh {
     pub normals: Vec<Vec3>,
     /// Vertex indices, counter-clockwise seen from outside; each below the number of vertices.
     pub triangles: Vec<[u32; 3]>,
+    /// Distance from each vertex to the nearest surface point of the cloud that the mesh was made of, in units
+    /// of the input: small where the surface was measured. Empty where there is no cloud. Of the formats, PLY
+    /// alone has it, as the property `distance_to_points`.
+    pub distance_to_points: Vec<f64>,
 }

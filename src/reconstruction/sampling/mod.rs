@@ -148,6 +148,10 @@ pub struct Prepared {
     pub diagonal: f64,
     /// Where the normals come from; none where none were needed.
     pub normals: Option<NormalSource>,
+    /// Share of the points whose normal the winding number of all of them bears out, 0 to 1
+    /// ([`OrientedSurface::confidence`](oriented::OrientedSurface::confidence)); none where no normals were
+    /// needed.
+    pub orientation_confidence: Option<f64>,
     /// What the user should know.
     pub warnings: Vec<Warning>,
 }

@@ -21,8 +21,11 @@ const DOUBT_QUANTILE: f64 = 0.75;
 /// The doubt over that change.
 const DOUBT_OVER_CHANGE: f64 = 2.0;
 
-/// So many points tell the doubt.
-const DOUBTED: usize = 2_000;
+/// So many points tell what the winding number is worth.
+const ASKED: usize = 2_000;
+
+/// The winding number of the surface itself: half way from outside to inside.
+const LEVEL: f64 = 0.5;
 
 /// How far from its nearest point a place of the surface may be, in local spacings: the largest gaps
 /// of a random sampling.
@@ -40,6 +43,9 @@ pub struct OrientedSurface {
     pub source: NormalSource,
     /// Standard deviation of the points from the surface.
     pub noise: f64,
+    /// Share of the points whose normal the winding number of all of them bears out, 0 to 1: above one half
+    /// one local spacing inside of the point and below it as far outside.
+    pub confidence: f64,
     /// How far the winding number is unsure one spacing away from the points.
     doubt: f64,
     tree: Tree,
@@ -47,11 +53,13 @@ pub struct OrientedSurface {
 }
 
 impl OrientedSurface {
-    /// The surface through `points`, at least two, all different.
+    /// The surface through `points`, at least two, all different. Of a `sparse` cloud the winding number
+    /// is taken as unsure as it can be.
     pub fn new(
         points: Vec<Vec3>,
         given: Option<&[Vec3]>,
         neighbours: usize,
+        sparse: bool,
         warnings: &mut Vec<Warning>,
     ) -> Self {
         let tree = Tree::new(&points);
@@ -69,14 +77,25 @@ impl OrientedSurface {
             areas: &areas,
             spacings: &spacings,
         });
-        let doubt = doubt(&points, &normals, &spacings, &near, &winding);
+        let beside = |i: usize| {
+            [-1.0, 1.0].map(|side| winding.at(along(points[i], side * spacings[i], normals[i])))
+        };
+        let asked: Vec<Asked> = (0..points.len())
+            .into_par_iter()
+            .step_by(points.len().div_ceil(ASKED))
+            .map(|i| Asked {
+                here: beside(i),
+                next: beside(near.of(i).next().unwrap_or(i)),
+            })
+            .collect();
         Self {
             points,
             normals,
             spacings,
             source,
             noise,
-            doubt,
+            confidence: confidence(&asked),
+            doubt: if sparse { f64::INFINITY } else { doubt(&asked) },
             tree,
             winding,
         }
@@ -101,11 +120,6 @@ impl OrientedSurface {
         }
     }
 
-    /// Takes the winding number as unsure as it can be.
-    pub fn doubtful(&mut self) {
-        self.doubt = f64::INFINITY;
-    }
-
     /// Index of the point nearest to `q`, and the distance of `q` to the surface there.
     ///
     /// Close by, that is the distance to the tangent plane; it is never less than what it would
@@ -119,24 +133,26 @@ impl OrientedSurface {
     }
 }
 
+/// The winding number one local spacing inside and outside of a point, and of the one nearest to it.
+struct Asked {
+    here: [f64; 2],
+    next: [f64; 2],
+}
+
 /// How much the winding number changes from one point to the next, one spacing inside and outside them: what
 /// sampling, noise and wrong normals make of it. Holes change it slowly.
-fn doubt(
-    points: &[Vec3],
-    normals: &[Vec3],
-    spacings: &[f64],
-    near: &Neighbourhoods,
-    winding: &Winding,
-) -> f64 {
-    let off = |i: usize, side: f64| winding.at(along(points[i], side * spacings[i], normals[i]));
-    let every = points.len().div_ceil(DOUBTED);
-    let mut changes: Vec<f64> = (0..points.len())
-        .into_par_iter()
-        .step_by(every)
-        .flat_map_iter(|i| {
-            let other = near.of(i).next().unwrap_or(i);
-            [-1.0, 1.0].map(|side| (off(i, side) - off(other, side)).abs())
-        })
+fn doubt(asked: &[Asked]) -> f64 {
+    let mut changes: Vec<f64> = asked
+        .iter()
+        .flat_map(|Asked { here, next }| [0, 1].map(|side| (here[side] - next[side]).abs()))
         .collect();
     DOUBT_OVER_CHANGE * quantile(&mut changes, DOUBT_QUANTILE)
+}
+
+/// Share of the points at which the winding number has both sides where the normal says.
+fn confidence(asked: &[Asked]) -> f64 {
+    let borne_out = asked
+        .iter()
+        .filter(|asked| asked.here[0] > LEVEL && asked.here[1] < LEVEL);
+    borne_out.count() as f64 / asked.len() as f64
 }

@@ -138,7 +138,8 @@ pub fn prepare(
         noise: uncertainty.map(|u| u.noise),
         weight_decay,
         diagonal: scene.bounds.diagonal(),
-        normals: surface.map(|surface| surface.source),
+        normals: surface.as_ref().map(|surface| surface.source),
+        orientation_confidence: surface.map(|surface| surface.confidence),
         warnings,
     })
 }
@@ -210,16 +211,13 @@ impl<'a> Scene<'a> {
             return None;
         }
         let given = self.cloud.normals.as_ref();
-        let mut surface = OrientedSurface::new(
+        Some(OrientedSurface::new(
             self.points.clone(),
             given.map(|normals| pick(normals, &self.indices)).as_deref(),
             self.settings.sampling.neighbours,
+            self.sparse,
             warnings,
-        );
-        if self.sparse {
-            surface.doubtful();
-        }
-        Some(surface)
+        ))
     }
 
     /// Samples at the points that the user labels `label`: those within the budget, and of the

@@ -123,6 +123,7 @@ pub fn extract(field: &dyn Field, request: &Request<'_>) -> Result<Extraction, E
             vertices: projected.vertices,
             normals: projected.normals,
             triangles: contour.triangles,
+            ..TriangleMesh::default()
         },
         grid: lattice.grid,
         evaluations: source.evaluations,

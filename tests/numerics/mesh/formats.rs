@@ -4,6 +4,7 @@ use std::io::Write;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
+use meshway::reconstruction::cloud::{self, Limits};
 use meshway::reconstruction::mesh::TriangleMesh;
 use meshway::reconstruction::mesh::read::read;
 use meshway::reconstruction::mesh::write::{Format, write};
@@ -88,6 +89,37 @@ fn tiny_and_huge_numbers_survive_as_text() {
     for format in READABLE.into_iter().filter(|&f| f != Format::Glb) {
         let again = read(&written(&mesh, format), None).unwrap();
         assert!(as_f32(&again.vertices).contains(&as_f32(&mesh.vertices)[0]));
+    }
+}
+
+#[test]
+fn ply_keeps_the_distances_to_the_points_and_other_formats_do_without() {
+    let near = sphere(0.1, 2);
+    let mut bare = near.clone();
+    bare.normals.clear();
+    let far = moved(near.clone(), [1e6, -2e6, 3e5]);
+    for without in [near, bare, far] {
+        let mut mesh = without.clone();
+        mesh.distance_to_points = (0..mesh.vertices.len()).map(|i| i as f64 / 3.0).collect();
+        for format in READABLE {
+            let bytes = written(&mesh, format);
+            if !matches!(format, Format::PlyBinary | Format::PlyAscii) {
+                assert_eq!(bytes, written(&without, format), "{format:?}");
+                continue;
+            }
+            let again = read(&bytes, None).unwrap();
+            assert_eq!(as_f32(&again.vertices), as_f32(&mesh.vertices));
+            assert_eq!(as_f32(&again.normals), as_f32(&mesh.normals));
+            assert_eq!(again.triangles, mesh.triangles);
+            let short = |mesh: &TriangleMesh| -> Vec<f32> {
+                mesh.distance_to_points.iter().map(|d| *d as f32).collect()
+            };
+            assert_eq!(short(&again), short(&mesh), "{format:?}");
+        }
+        // As clouds, too, such files can be read.
+        let cloud = written(&mesh, Format::PlyBinary);
+        let (cloud, _) = cloud::read(&cloud, None, &Limits::default()).unwrap();
+        assert_eq!(as_f32(&cloud.points), as_f32(&mesh.vertices));
     }
 }
 

@@ -28,8 +28,8 @@ fn cube() -> TriangleMesh {
     let halves = |[a, b, c, d]: [u32; 4]| [[a, b, c], [a, c, d]];
     TriangleMesh {
         vertices,
-        normals: Vec::new(),
         triangles: quads.into_iter().flat_map(halves).collect(),
+        ..TriangleMesh::default()
     }
 }
 
@@ -37,8 +37,8 @@ fn cube() -> TriangleMesh {
 fn tetrahedron() -> TriangleMesh {
     TriangleMesh {
         vertices: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        normals: Vec::new(),
         triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+        ..TriangleMesh::default()
     }
 }
 
@@ -84,6 +84,7 @@ fn sphere(radius: f64, halvings: usize) -> TriangleMesh {
         vertices: normals.iter().map(|n| n.map(|v| v * radius)).collect(),
         normals,
         triangles,
+        ..TriangleMesh::default()
     }
 }
 

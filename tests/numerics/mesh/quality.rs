@@ -1,14 +1,14 @@
 //! Distances and the report, against closed forms.
 
 use meshway::reconstruction::mesh::{
-    Distances, PointTree, SurfaceTree, TriangleMesh, sample_surface,
+    Distances, PointTree, SurfaceTree, TriangleMesh, components, sample_surface,
 };
 use meshway::reconstruction::quality::{Judge, compare_meshes, describe};
 use meshway::reconstruction::random::{Generator, Purpose, stream};
 use meshway::reconstruction::vector::{Vec3, distance, dot, norm, normalized};
 use rand::RngExt;
 
-use super::{cube, moved, sphere, torus};
+use super::{cube, moved, sphere, tetrahedron, together, torus};
 
 fn random_points(count: usize, size: f64) -> Vec<Vec3> {
     let mut generator: Generator = stream(7, Purpose::Sampling);
@@ -113,8 +113,8 @@ fn samples_lie_on_the_surface_and_follow_the_area() {
             [1.0, 0.0, 5.0],
             [0.0, 1.0, 5.0],
         ],
-        normals: Vec::new(),
         triangles: vec![[0, 1, 2], [3, 3, 4], [3, 4, 5]],
+        ..TriangleMesh::default()
     };
     let samples = sample_surface(&mesh, 10_100, &mut stream(1, Purpose::Shape));
     let small = samples.iter().filter(|s| s.triangle == 2).count();
@@ -238,6 +238,28 @@ fn normals_agree_with_the_mesh_they_belong_to() {
             .normal_agreement(&points, &vec![[0.0; 3]; 500])
             .is_none()
     );
+}
+
+#[test]
+fn each_corner_of_a_triangle_has_a_third_of_its_area() {
+    let mut mesh = together(cube(), &tetrahedron());
+    assert!(
+        mesh.share_beyond(0.0).abs() < f64::EPSILON,
+        "nothing is known"
+    );
+    // Only the corner 1 of the tetrahedron is far; three triangles meet there.
+    mesh.distance_to_points = vec![1.0; 12];
+    mesh.distance_to_points[9] = 1.5;
+    let area = 1.0 + 0.5 * 3f64.sqrt();
+    let share = area / 3.0 / mesh.area();
+    assert!((mesh.share_beyond(1.2) - share).abs() < 1e-14);
+    assert!((mesh.share_beyond(0.9) - 1.0).abs() < 1e-14);
+    assert!(mesh.share_beyond(1.5).abs() < f64::EPSILON);
+    // The distances stay with their vertices.
+    let (ids, _) = components(&mesh);
+    mesh.retain_components(&[false, true], &ids);
+    assert_eq!(mesh.vertices.len(), 4);
+    assert_eq!(mesh.distance_to_points, [1.0, 1.5, 1.0, 1.0]);
 }
 
 #[test]

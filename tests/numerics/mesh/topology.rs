@@ -108,8 +108,8 @@ fn a_moebius_strip_cannot_be_oriented() {
         vertices: (0..5)
             .map(|i| [f64::from(i), f64::from(i * i), 1.0])
             .collect(),
-        normals: Vec::new(),
         triangles: (0..5).map(|i| [i, (i + 1) % 5, (i + 2) % 5]).collect(),
+        ..TriangleMesh::default()
     };
     let topology = Topology::of(&mesh);
     assert!(topology.manifold && !topology.oriented && !topology.closed);

@@ -70,7 +70,7 @@ fn read_vertices(
 }
 
 /// The vertex of record `i` and its line, in binary data its number.
-pub(in crate::reconstruction) fn row(
+fn row(
     element: &Element,
     columns: &Columns,
     body: &mut Body<'_>,

@@ -1,9 +1,10 @@
-//! PLY in its three encodings: positions and normals of `vertex`, polygons of `face`.
+//! PLY in its three encodings: positions, normals and distances of `vertex`, polygons of `face`.
 
 use super::{Face, position};
 use crate::reconstruction::cloud::Error;
-use crate::reconstruction::cloud::ply::{self, Body, Element, Header, Kind};
-use crate::reconstruction::mesh::TriangleMesh;
+use crate::reconstruction::cloud::columns::Columns;
+use crate::reconstruction::cloud::ply::{Body, Element, Header, Kind};
+use crate::reconstruction::mesh::{PLY_DISTANCE, TriangleMesh};
 
 pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
     let header = Header::read(bytes)?;
@@ -14,16 +15,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
     let mut mesh = TriangleMesh::default();
     for element in &header.elements {
         match element.name.as_str() {
-            "vertex" => {
-                for i in 0..element.count {
-                    let ([x, y, z, nx, ny, nz, _], line) =
-                        ply::row(element, &columns, &mut body, i)?;
-                    mesh.vertices.push(position([x, y, z], line)?);
-                    if columns.has_normals() {
-                        mesh.normals.push([nx, ny, nz]);
-                    }
-                }
-            }
+            "vertex" => read_vertices(element, &columns, &mut body, &mut mesh)?,
             "face" => read_faces(element, vertices, &mut body, &mut mesh)?,
             "tristrips" => {
                 return Err(Error::UnsupportedFormat(
@@ -34,6 +26,36 @@ pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
         }
     }
     Ok(mesh)
+}
+
+fn read_vertices(
+    element: &Element,
+    columns: &Columns,
+    body: &mut Body<'_>,
+    mesh: &mut TriangleMesh,
+) -> Result<(), Error> {
+    let distances = element.properties.iter().position(|property| {
+        matches!(property.kind, Kind::Scalar(_)) && property.name == PLY_DISTANCE
+    });
+    for i in 0..element.count {
+        let (mut row, mut distance) = ([0.0; 7], 0.0);
+        let line = body.record(element, i, |column, value| {
+            if let Some(slot) = columns.slot(column) {
+                row[slot] = value;
+            } else if Some(column) == distances {
+                distance = value;
+            }
+        })?;
+        let [x, y, z, nx, ny, nz, _] = row;
+        mesh.vertices.push(position([x, y, z], line)?);
+        if columns.has_normals() {
+            mesh.normals.push([nx, ny, nz]);
+        }
+        if distances.is_some() {
+            mesh.distance_to_points.push(distance);
+        }
+    }
+    Ok(())
 }
 
 fn read_faces(

@@ -20,11 +20,11 @@ use crate::reconstruction::vector::Vec3;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Format {
-    /// PLY, binary, little-endian; with normals.
+    /// PLY, binary, little-endian; with normals and the distances to the points.
     #[default]
     #[serde(rename = "ply")]
     PlyBinary,
-    /// PLY as text; with normals.
+    /// PLY as text; with the same.
     PlyAscii,
     /// Wavefront OBJ; with normals.
     Obj,
@@ -148,8 +148,9 @@ fn write_text<T: Display>([x, y, z]: [T; 3], out: &mut impl Write) -> io::Result
     write!(out, "{x} {y} {z}")
 }
 
-/// The vertices with their normals, then the triangles, a line each: the body of PLY and OFF.
-fn write_tables(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
+/// The vertices with their normals and `more` values, one each or none, then the triangles, a line each:
+/// the body of PLY and OFF.
+fn write_tables(mesh: &TriangleMesh, more: &[f64], out: &mut impl Write) -> io::Result<()> {
     let (short, normals) = (fits_f32(mesh), has_normals(mesh));
     for (i, &vertex) in mesh.vertices.iter().enumerate() {
         if short {
@@ -160,6 +161,11 @@ fn write_tables(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
         if normals {
             out.write_all(b" ")?;
             write_text(to_f32(mesh.normals[i]), out)?;
+        }
+        match more.get(i) {
+            Some(&value) if short => write!(out, " {}", value as f32)?,
+            Some(value) => write!(out, " {value}")?,
+            None => {}
         }
         out.write_all(b"\n")?;
     }

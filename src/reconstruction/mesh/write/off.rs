@@ -9,5 +9,5 @@ pub(super) fn write(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()>
     writeln!(out, "{}", if has_normals(mesh) { "NOFF" } else { "OFF" })?;
     // The number of edges is never read.
     writeln!(out, "{} {} 0", mesh.vertices.len(), mesh.triangles.len())?;
-    write_tables(mesh, out)
+    write_tables(mesh, &[], out)
 }

@@ -1,14 +1,15 @@
-//! PLY, after G. Turk, The PLY Polygon File Format, 1994.
+//! PLY, after G. Turk, The PLY Polygon File Format, 1994; with a property of our own,
+//! `distance_to_points`, in the precision of the coordinates.
 
 use std::io::{self, Write};
 
 use super::{fits_f32, has_normals, to_f32, write_f32, write_tables};
-use crate::reconstruction::mesh::TriangleMesh;
+use crate::reconstruction::mesh::{PLY_DISTANCE, TriangleMesh};
 
 pub(super) fn write_binary(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
     let short = fits_f32(mesh);
     header(mesh, "binary_little_endian", short, out)?;
-    let normals = has_normals(mesh);
+    let (normals, distances) = (has_normals(mesh), distances(mesh));
     for (i, &vertex) in mesh.vertices.iter().enumerate() {
         if short {
             write_f32(to_f32(vertex), out)?;
@@ -19,6 +20,11 @@ pub(super) fn write_binary(mesh: &TriangleMesh, out: &mut impl Write) -> io::Res
         }
         if normals {
             write_f32(to_f32(mesh.normals[i]), out)?;
+        }
+        match distances.get(i) {
+            Some(&distance) if short => out.write_all(&(distance as f32).to_le_bytes())?,
+            Some(distance) => out.write_all(&distance.to_le_bytes())?,
+            None => {}
         }
     }
     for triangle in &mesh.triangles {
@@ -34,7 +40,16 @@ pub(super) fn write_binary(mesh: &TriangleMesh, out: &mut impl Write) -> io::Res
 
 pub(super) fn write_ascii(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
     header(mesh, "ascii", fits_f32(mesh), out)?;
-    write_tables(mesh, out)
+    write_tables(mesh, distances(mesh), out)
+}
+
+/// The distances to the points; none unless every vertex has one.
+fn distances(mesh: &TriangleMesh) -> &[f64] {
+    if mesh.distance_to_points.len() == mesh.vertices.len() {
+        &mesh.distance_to_points
+    } else {
+        &[]
+    }
 }
 
 fn header(
@@ -54,6 +69,9 @@ fn header(
             out,
             "property float nx\nproperty float ny\nproperty float nz"
         )?;
+    }
+    if !distances(mesh).is_empty() {
+        writeln!(out, "property {coordinate} {PLY_DISTANCE}")?;
     }
     writeln!(out, "element face {}", mesh.triangles.len())?;
     // Signed, as the format's own examples have it: some programs read nothing else.

@@ -1,17 +1,27 @@
 //! The report of a run: its quality, and the record that makes it again.
 
+mod stopwatch;
+mod surface;
+
 use serde::{Deserialize, Serialize};
 
-use super::cloud::{Label, PointCloud};
-use super::error::Error;
-use super::mesh::TriangleMesh;
-use super::observer::{Observer, Phase, Warning};
-use super::quality::{self, Comparison, Judge, MeshReport};
-use super::sampling::{Counts, Frame, NormalSource, Prepared};
-use super::settings::Settings;
-use super::surface::{Dropped, Extraction, Field};
-use super::training::{Termination, Trained};
-use super::vector::Vec3;
+use crate::reconstruction::cloud::{Label, PointCloud};
+use crate::reconstruction::error::Error;
+use crate::reconstruction::mesh::TriangleMesh;
+use crate::reconstruction::observer::Warning;
+use crate::reconstruction::quality::{self, Comparison, Judge, MeshReport};
+use crate::reconstruction::sampling::{Counts, NormalSource, Prepared};
+use crate::reconstruction::settings::Settings;
+use crate::reconstruction::surface::Field;
+use crate::reconstruction::training::{Termination, Trained};
+use crate::reconstruction::vector::Vec3;
+
+pub use stopwatch::Seconds;
+pub(super) use stopwatch::Stopwatch;
+pub use surface::SurfaceReport;
+
+/// Percent of the area without points below which the summary is silent about it.
+const NEGLIGIBLE_PERCENT: f64 = 1.0;
 
 /// A file that a run read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -56,45 +66,6 @@ impl TrainingReport {
     }
 }
 
-/// How the surface was extracted; lengths and areas in units of the input.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct SurfaceReport {
-    /// Grid points along each axis.
-    pub grid_points: [usize; 3],
-    /// Edge of a grid cell.
-    pub grid_spacing: f64,
-    /// Grid points at which f was evaluated.
-    pub field_evaluations: u64,
-    /// Vertices where the surface left the grid and was closed.
-    pub closing_vertices: usize,
-    /// Components that were dropped.
-    pub dropped_components: usize,
-    /// Their triangles.
-    pub dropped_triangles: usize,
-    /// Their area.
-    pub dropped_area: f64,
-}
-
-impl SurfaceReport {
-    pub(super) fn new(extraction: &Extraction, frame: &Frame) -> Self {
-        Self {
-            grid_points: extraction.grid.points,
-            grid_spacing: frame.length_to_world(extraction.grid.spacing),
-            field_evaluations: extraction.evaluations,
-            closing_vertices: extraction.closing_vertices,
-            dropped_components: 0,
-            dropped_triangles: 0,
-            dropped_area: 0.0,
-        }
-    }
-
-    pub(super) fn dropped(&mut self, dropped: Dropped, frame: &Frame) {
-        self.dropped_components = dropped.components;
-        self.dropped_triangles = dropped.triangles;
-        self.dropped_area = dropped.area * frame.length_to_world(1.0).powi(2);
-    }
-}
-
 /// What the points tell of themselves; lengths in units of the input.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct CloudReport {
@@ -103,6 +74,10 @@ pub struct CloudReport {
     /// Standard deviation of the points from the surface, as local fits see it; none where nothing was
     /// generated from the points.
     pub noise: Option<f64>,
+    /// Share of the points whose normal the winding number of all of them bears out, 0 to 1: above one half
+    /// one local spacing inside of the point, below it as far outside. Near 1 where the sides are sure; wrong
+    /// normals and noise above the spacing lower it. None where no normals were needed.
+    pub orientation_confidence: Option<f64>,
     /// λ of the weight decay that training added to the loss.
     pub weight_decay: f64,
 }
@@ -113,6 +88,7 @@ impl CloudReport {
         Self {
             spacing: to_world(prepared.spacing),
             noise: prepared.noise.map(to_world),
+            orientation_confidence: prepared.orientation_confidence,
             weight_decay: prepared.weight_decay,
         }
     }
@@ -127,21 +103,6 @@ pub struct FieldAtPoints {
     pub rms: f64,
     /// Largest |f|.
     pub max: f64,
-}
-
-/// Seconds of each stage.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Seconds {
-    /// Normals, samples, hold-out.
-    pub sampling: f64,
-    /// Fitting the network.
-    pub training: f64,
-    /// Extracting the surface.
-    pub surface: f64,
-    /// Measuring the mesh.
-    pub report: f64,
-    /// All of it.
-    pub total: f64,
 }
 
 /// Versions of what computed the run.
@@ -231,6 +192,8 @@ impl Report {
                 .as_ref()?
                 .normal_agreement(&points(trained_on), &normals)
         });
+        let mut warnings = prepared.warnings.clone();
+        warnings.extend(surface.warning());
         Ok(Self {
             versions: Versions::current(),
             inputs: Vec::new(),
@@ -248,7 +211,7 @@ impl Report {
             field_at_points: FieldAtPoints::measure(subject)?,
             normal_agreement,
             seconds: Seconds::default(),
-            warnings: prepared.warnings.clone(),
+            warnings,
         })
     }
 
@@ -290,6 +253,7 @@ impl Report {
                 ));
             }
         }
+        lines.extend(self.surface.unsupported(NEGLIGIBLE_PERCENT));
         let s = &self.seconds;
         lines.push(format!(
             "{:.1} s (sampling {:.1}, training {:.1}, surface {:.1}, report {:.1})",
@@ -341,43 +305,3 @@ impl Versions {
 
 /// The libtorch that tch's bindings are made for; the build refuses another.
 const LIBTORCH_VERSION: &str = "2.13.0";
-
-/// Adds up the seconds of the stages on the observer's clock.
-pub(super) struct Stopwatch<'a> {
-    observer: &'a dyn Observer,
-    start: f64,
-    last: f64,
-    seconds: Seconds,
-}
-
-impl<'a> Stopwatch<'a> {
-    pub(super) fn new(observer: &'a dyn Observer) -> Self {
-        let start = observer.seconds();
-        Self {
-            observer,
-            start,
-            last: start,
-            seconds: Seconds::default(),
-        }
-    }
-
-    /// Ends `stage`: what went by since the last one ended was spent in it.
-    pub(super) fn lap(&mut self, stage: Phase) {
-        let now = self.observer.seconds();
-        let spent = now - self.last;
-        self.last = now;
-        match stage {
-            Phase::Sampling => self.seconds.sampling += spent,
-            Phase::Training => self.seconds.training += spent,
-            Phase::Surface => self.seconds.surface += spent,
-            Phase::Report => self.seconds.report += spent,
-        }
-    }
-
-    pub(super) fn seconds(&self) -> Seconds {
-        Seconds {
-            total: self.last - self.start,
-            ..self.seconds
-        }
-    }
-}
