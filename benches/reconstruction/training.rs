@@ -98,7 +98,7 @@ fn iterate<T: Scalar>(bencher: &mut criterion::Bencher<'_>) {
 
 /// ½ Σ cᵢ xᵢ² with cᵢ from 1 to 10⁴: costs next to nothing, and a hundred steps do not solve it.
 #[expect(clippy::unnecessary_wraps, reason = "an objective may be interrupted")]
-fn valley<T: Scalar>(x: &[T], gradient: &mut [T]) -> Result<f64, Interrupt> {
+fn valley<T: Scalar>(x: &mut [T], gradient: &mut [T]) -> Result<f64, Interrupt> {
     let last = (x.len() - 1) as f64;
     let mut value = 0.0;
     for (i, (x, g)) in x.iter().zip(gradient).enumerate() {

@@ -5,7 +5,9 @@ use serde::Serialize;
 use super::inspect::Labels;
 use crate::reconstruction::Settings;
 use crate::reconstruction::network::{Architecture, Fused};
-use crate::reconstruction::settings::{Engine, Evaluation, OffSurface, Optimizer, Precision};
+use crate::reconstruction::settings::{
+    Engine, Evaluation, OffSurface, Optimizer, OutputLayer, Precision,
+};
 
 /// Floating-point operations that a thread does a second in training, in f32.
 ///
@@ -28,6 +30,10 @@ const LIBTORCH_NUMBERS: u64 = 5;
 /// Operations of loss and gradient for each parameter and sample: a multiplication and an addition
 /// forwards, and twice that backwards.
 const FLOPS_PER_WEIGHT: f64 = 6.0;
+
+/// What solving for the output layer adds to that: once more forwards, and the products of the last hidden
+/// layer's outputs.
+const FLOPS_PER_WEIGHT_SOLVED: f64 = 2.5;
 
 /// Bytes kept for each point of the sparse grid near the surface.
 const BYTES_PER_SAMPLE: u64 = 32;
@@ -77,8 +83,12 @@ impl Estimate {
         } else {
             (LIBTORCH_FLOPS, LIBTORCH_NUMBERS * neurons * samples)
         };
-        let pairs = pairs(settings);
-        let evaluation = FLOPS_PER_WEIGHT * (parameters * samples) as f64 / flops
+        let pairs = pairs(settings, samples);
+        let flops_per_weight = match settings.training.output_layer {
+            OutputLayer::Trained => FLOPS_PER_WEIGHT,
+            OutputLayer::Solved => FLOPS_PER_WEIGHT + FLOPS_PER_WEIGHT_SOLVED,
+        };
+        let evaluation = flops_per_weight * (parameters * samples) as f64 / flops
             + SECONDS_PER_PAIR * (pairs * parameters) as f64;
         // Twice the bytes take twice the time.
         let seconds = evaluation * (number_bytes / 4) as f64 / threads.max(1) as f64
@@ -134,12 +144,14 @@ fn is_fused(settings: &Settings, architecture: &Architecture) -> bool {
 }
 
 /// Pairs that L-BFGS keeps in the end.
-fn pairs(settings: &Settings) -> u64 {
+fn pairs(settings: &Settings, samples: u64) -> u64 {
     let training = &settings.training;
     let most = training.max_iterations.min(training.max_evaluations);
     match training.optimizer {
         Optimizer::Adam => 0,
-        Optimizer::Lbfgs | Optimizer::AdamLbfgs => most.min(training.history as u64),
+        Optimizer::Lbfgs | Optimizer::AdamLbfgs => {
+            most.min(settings.kept_pairs(samples as usize) as u64)
+        }
     }
 }
 

@@ -17,6 +17,7 @@
 //!   Networks, AISTATS 2010.
 //! - \[KB15\] Kingma, Ba: Adam: A Method for Stochastic Optimization, ICLR 2015.
 
+mod cholesky;
 pub mod cloud;
 pub mod mesh;
 pub mod network;

@@ -7,7 +7,7 @@ use super::network::{Architecture, Engine, Model, Scalar, engine, initial_parame
 use super::observer::{Event, Observer, Phase};
 use super::report::{Report, Stopwatch, Subject, SurfaceReport, TrainingReport};
 use super::sampling::{Prepared, prepare};
-use super::settings::{OffSurface, Precision, Settings, Training};
+use super::settings::{OutputLayer, Precision, Settings, Training};
 use super::surface::{Field, MAX_TRIANGLES, Request, extract, keep_components};
 use super::training::{Hooks, Identity, Problem, Termination, Trained, train};
 use super::vector::{Bounds, Vec3};
@@ -130,10 +130,6 @@ fn run<T: Scalar>(
     })
 }
 
-/// Reading a pair takes as long as evaluating some tens of samples. From 300 points, 20 to 100 pairs give the
-/// same surfaces; from 2000 and more every pair helps.
-const SAMPLES_PER_PAIR: usize = 64;
-
 /// Trains; a snapshot is extracted at each chosen evaluation.
 fn fit<T: Scalar>(
     engine: &dyn Engine<T>,
@@ -169,9 +165,10 @@ fn fit<T: Scalar>(
     let problem = Problem {
         engine,
         weight_decay: mesher.prepared.weight_decay,
+        output_layer: output_layer(mesher.settings, mesher.prepared),
     };
     let training = Training {
-        history: history(mesher.settings, mesher.prepared),
+        history: mesher.settings.kept_pairs(mesher.prepared.training.len()),
         ..mesher.settings.training.clone()
     };
     let trained = train(problem, parameters, &training, hooks)?;
@@ -181,13 +178,12 @@ fn fit<T: Scalar>(
     Ok(trained)
 }
 
-/// Pairs that L-BFGS keeps: of few samples no more than one for [`SAMPLES_PER_PAIR`] of them, unless they
-/// are those of a paper's run.
-fn history(settings: &Settings, prepared: &Prepared) -> usize {
-    let asked = settings.training.history;
-    match settings.sampling.off_surface {
-        OffSurface::Labels => asked,
-        OffSurface::Generated => asked.min(prepared.training.len().div_ceil(SAMPLES_PER_PAIR)),
+/// The output layer is solved for where that is a linear problem: bounds make it none.
+fn output_layer(settings: &Settings, prepared: &Prepared) -> OutputLayer {
+    if prepared.training.one_sided.contains(&true) {
+        OutputLayer::Trained
+    } else {
+        settings.training.output_layer
     }
 }
 

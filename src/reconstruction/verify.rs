@@ -197,7 +197,7 @@ fn repeat<T: Scalar>(
         max_evaluations: expected.max_iterations.saturating_mul(25),
     };
     let mut losses = Vec::new();
-    let mut objective = |parameters: &[T], gradient: &mut [T]| {
+    let mut objective = |parameters: &mut [T], gradient: &mut [T]| {
         let loss = engine.loss_and_gradient(parameters, gradient)?;
         losses.push(loss);
         Ok(loss)

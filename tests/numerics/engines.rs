@@ -100,6 +100,33 @@ fn compare(architecture: &Architecture, count: usize, seed: u64) {
     }
 }
 
+/// Holds the equations of the output layer against those of libtorch.
+fn compare_output_equations(architecture: &Architecture, count: usize, seed: u64) {
+    let mut samples = samples(count);
+    samples.one_sided.fill(false);
+    let parameters = parameters(architecture, seed);
+    let exact: Vec<f64> = parameters.iter().map(|p| f64::from(*p)).collect();
+    let reference = engine::<f64>(architecture.clone(), &samples);
+    let expected = reference.output_equations(&exact).unwrap();
+    assert_eq!(expected.right.len(), architecture.width + 1);
+    let tolerance = GRADIENT * magnification(architecture);
+    for arch in instruction_sets() {
+        let ours = fused(arch, architecture, &samples)
+            .output_equations(&parameters)
+            .unwrap();
+        for (ours, expected) in [
+            (&ours.matrix, &expected.matrix),
+            (&ours.right, &expected.right),
+        ] {
+            assert_eq!(ours.len(), expected.len());
+            let size = norm(expected.iter().copied());
+            let difference = norm(ours.iter().zip(expected).map(|(a, b)| a - b));
+            let context = format!("{arch:?} {architecture:?} {count} points");
+            assert!(difference <= tolerance * size, "{context}: {difference}");
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(60) })]
 
@@ -114,6 +141,9 @@ proptest! {
     ) {
         let architecture = Architecture { scheme, width, hidden_layers, residual_every };
         compare(&architecture, count, seed);
+        if scheme != Scheme::Sqrhw || hidden_layers <= 5 {
+            compare_output_equations(&architecture, count, seed);
+        }
     }
 }
 

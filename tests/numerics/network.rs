@@ -4,7 +4,7 @@ use meshway::reconstruction::network::{
     Architecture, Engine, Libtorch, Scalar, initial_parameters,
 };
 use meshway::reconstruction::sampling::Samples;
-use meshway::reconstruction::settings::Scheme;
+use meshway::reconstruction::settings::{OutputLayer, Scheme};
 use meshway::reconstruction::surface::Field;
 use meshway::reconstruction::training::Problem;
 use meshway::reconstruction::vector::Vec3;
@@ -49,6 +49,7 @@ pub(crate) fn undecayed<T>(engine: &dyn Engine<T>) -> Problem<'_, T> {
     Problem {
         engine,
         weight_decay: 0.0,
+        output_layer: OutputLayer::Trained,
     }
 }
 

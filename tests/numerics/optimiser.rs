@@ -25,7 +25,7 @@ fn options() -> Options {
 fn minimise(
     start: &[f64],
     options: Options,
-    objective: &mut dyn FnMut(&[f64], &mut [f64]) -> Answer,
+    objective: &mut dyn FnMut(&mut [f64], &mut [f64]) -> Answer,
 ) -> Result<(Iterate<f64>, Termination, Lbfgs<f64>), Interrupt> {
     let mut at = Iterate::new(start.to_vec(), objective)?;
     let mut lbfgs = Lbfgs::new(start.len(), options, 1);
@@ -43,7 +43,7 @@ fn minimise(
 }
 
 /// The function of Rosenbrock in 2n dimensions; its minimum is 0 at (1, 1, …).
-fn rosenbrock(x: &[f64], g: &mut [f64]) -> Answer {
+fn rosenbrock(x: &mut [f64], g: &mut [f64]) -> Answer {
     let mut value = 0.0;
     for (x, g) in x.chunks(2).zip(g.chunks_mut(2)) {
         let (a, b) = (1.0 - x[0], x[1] - x[0] * x[0]);
@@ -55,7 +55,7 @@ fn rosenbrock(x: &[f64], g: &mut [f64]) -> Answer {
 }
 
 /// ½ Σ i xᵢ².
-fn quadratic(x: &[f64], g: &mut [f64]) -> Answer {
+fn quadratic(x: &mut [f64], g: &mut [f64]) -> Answer {
     let mut value = 0.0;
     for (i, (x, g)) in x.iter().zip(g).enumerate() {
         let curvature = (i + 1) as f64;
@@ -99,7 +99,7 @@ fn lbfgs_backs_away_from_what_is_not_finite() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         // -log(1 - x) + ½ (x - 2)²: the full step from 0 runs past the wall at 1.
         let mut met_the_wall = 0;
-        let mut walled = |x: &[f64], g: &mut [f64]| {
+        let mut walled = |x: &mut [f64], g: &mut [f64]| {
             if x[0] >= 1.0 {
                 met_the_wall += 1;
                 g[0] = f64::NAN;
@@ -123,7 +123,7 @@ fn lbfgs_backs_away_from_what_is_not_finite() {
 
 #[test]
 fn nothing_finite_on_the_way_is_divergence() {
-    let mut only_the_start = |x: &[f64], g: &mut [f64]| {
+    let mut only_the_start = |x: &mut [f64], g: &mut [f64]| {
         g[0] = 1.0;
         Ok(if x[0] == 0.0 { 1.0 } else { f64::NAN })
     };
@@ -188,7 +188,7 @@ fn an_interrupted_step_can_be_made_again() {
     let mut at = Iterate::new(start.to_vec(), &mut rosenbrock).unwrap();
     let mut lbfgs = Lbfgs::new(2, options(), 1);
     let mut calls = 0;
-    let mut interrupted = |x: &[f64], g: &mut [f64]| {
+    let mut interrupted = |x: &mut [f64], g: &mut [f64]| {
         calls += 1;
         if [2, 5, 6, 11].contains(&calls) {
             return Err(Interrupt::Stop(Termination::Cancelled));
@@ -211,7 +211,7 @@ fn a_restored_state_goes_on_bit_by_bit() {
     let architecture = architecture(Scheme::Sqrhw, 8, 3);
     let engine = engine::<f32>(architecture.clone(), &spiral(60));
     let mut objective =
-        |p: &[f32], g: &mut [f32]| -> Answer { Ok(engine.loss_and_gradient(p, g)?) };
+        |p: &mut [f32], g: &mut [f32]| -> Answer { Ok(engine.loss_and_gradient(p, g)?) };
     let start = initial_parameters::<f32>(&architecture, 8);
     let mut lbfgs = Lbfgs::new(start.len(), options(), 1);
     let mut at = Iterate::new(start, &mut objective).unwrap();

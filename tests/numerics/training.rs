@@ -3,9 +3,9 @@
 use std::cell::{Cell, RefCell};
 
 use meshway::reconstruction::network::{Architecture, Engine, Libtorch, initial_parameters};
-use meshway::reconstruction::settings::{Optimizer, Preset, Scheme, Training};
+use meshway::reconstruction::settings::{Optimizer, OutputLayer, Preset, Scheme, Training};
 use meshway::reconstruction::training::{
-    GradientHistogram, Hooks, Identity, Metrics, Termination, Trained, train,
+    GradientHistogram, Hooks, Identity, Metrics, Problem, Termination, Trained, train,
 };
 use meshway::reconstruction::{Error, Event, Observer};
 
@@ -293,4 +293,43 @@ fn divergence_is_an_error() {
         error,
         Error::TrainingDiverged { evaluation: 2, .. }
     ));
+}
+
+#[test]
+fn a_solved_output_layer_is_at_its_minimum_and_needs_fewer_evaluations() {
+    let mut samples = spiral(200);
+    samples.one_sided.fill(false);
+    let engine = engine::<f64>(small(), &samples);
+    let train_with = |output_layer| {
+        let problem = Problem {
+            output_layer,
+            ..undecayed(&engine)
+        };
+        let notes = Notes::default();
+        let hooks = Hooks {
+            observer: &notes,
+            snapshot: &mut |_, _| Ok(()),
+            identity: Identity::default(),
+        };
+        let start = initial_parameters(&small(), 1);
+        train(problem, start, &settings(), hooks).unwrap()
+    };
+    let solved = train_with(OutputLayer::Solved);
+    let trained = train_with(OutputLayer::Trained);
+    assert!(
+        solved.loss < 0.5 * trained.loss,
+        "{} {}",
+        solved.loss,
+        trained.loss
+    );
+    // No other output layer is better: the gradient along it is that of its decay.
+    let mut gradient = vec![0.0; solved.parameters.len()];
+    engine
+        .loss_and_gradient(&solved.parameters, &mut gradient)
+        .unwrap();
+    let output = small().output_layer();
+    let weights = &solved.parameters[output.clone()];
+    for (g, weight) in gradient[output].iter().zip(weights) {
+        assert!((g + 2e-3 * weight).abs() < 1e-10, "{g} {weight}");
+    }
 }

@@ -73,6 +73,13 @@ impl Architecture {
             .collect()
     }
 
+    /// Where weight and bias of the output layer lie in the parameters.
+    pub fn output_layer(&self) -> Range<usize> {
+        let mut layers = self.layers();
+        let output = layers.swap_remove(self.hidden_layers);
+        output.weight.start..output.bias.end
+    }
+
     /// Number of gate layers.
     fn gates(&self) -> usize {
         match self.scheme {

@@ -6,9 +6,9 @@
 
 use std::marker::PhantomData;
 
-use tch::{TchError, Tensor, no_grad};
+use tch::{Kind, TchError, Tensor, no_grad};
 
-use super::{Architecture, Engine, Scalar};
+use super::{Architecture, Engine, OutputEquations, Scalar};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::sampling::Samples;
 use crate::reconstruction::settings::Scheme;
@@ -73,6 +73,14 @@ impl<T: Scalar> Engine<T> for Libtorch<T> {
         Ok(loss.f_double_value(&[])?)
     }
 
+    fn output_equations(&self, parameters: &[T]) -> Result<OutputEquations, Error> {
+        no_grad(|| {
+            let flat = Tensor::f_from_slice(parameters)?;
+            let network = Network::new(&self.architecture, &flat)?;
+            self.training.output_equations(&network)
+        })
+    }
+
     fn validation_loss(&self, parameters: &[T]) -> Result<Option<f64>, Error> {
         if self.validation.count == 0 {
             return Ok(None);
@@ -126,6 +134,28 @@ impl Batch {
             },
             weights: weighted.then(|| column(&samples.weights)).transpose()?,
             count: samples.points.len(),
+        })
+    }
+
+    /// The normal equations of the output layer, in f64.
+    fn output_equations(&self, network: &Network) -> Result<OutputEquations, Error> {
+        let a = network.hidden(&self.points)?.f_to_kind(Kind::Double)?;
+        let a = Tensor::f_cat(&[&a, &a.f_narrow(1, 0, 1)?.f_ones_like()?], 1)?;
+        let weighted = match &self.weights {
+            Some(weights) => a.f_mul(weights)?,
+            None => a.shallow_clone(),
+        };
+        let mean = |factor: &Tensor| -> Result<Vec<f64>, Error> {
+            let sum = weighted.f_tr()?.f_matmul(factor)?;
+            let mean = sum.f_div_scalar(self.count as f64)?.f_flatten(0, -1)?;
+            let mut values = vec![0.0; mean.numel()];
+            let length = values.len();
+            mean.f_contiguous()?.f_copy_data(&mut values, length)?;
+            Ok(values)
+        };
+        Ok(OutputEquations {
+            matrix: mean(&a)?,
+            right: mean(&self.targets.f_to_kind(Kind::Double)?)?,
         })
     }
 
@@ -185,6 +215,11 @@ impl<'a> Network<'a> {
 
     /// f at points [n, 3], as [n, 1].
     fn values(&self, points: &Tensor) -> Result<Tensor, TchError> {
+        self.affine(self.architecture.hidden_layers, &self.hidden(points)?)
+    }
+
+    /// Outputs of the last hidden layer at points [n, 3], as [n, width].
+    fn hidden(&self, points: &Tensor) -> Result<Tensor, TchError> {
         let hidden_layers = self.architecture.hidden_layers;
         let mut a = points.shallow_clone();
         for h in 1..=hidden_layers {
@@ -207,7 +242,7 @@ impl<'a> Network<'a> {
                 Scheme::Sqrhw => tanh.f_addcmul(&z, &z)?,
             };
         }
-        self.affine(hidden_layers, &a)
+        Ok(a)
     }
 
     fn affine(&self, layer: usize, a: &Tensor) -> Result<Tensor, TchError> {

@@ -8,6 +8,7 @@ mod fused;
 mod initialisation;
 mod libtorch;
 mod model;
+mod output_layer;
 mod plain;
 mod scalar;
 
@@ -16,6 +17,7 @@ pub use fused::{Fused, instruction_sets};
 pub use initialisation::initial_parameters;
 pub use libtorch::Libtorch;
 pub use model::{Model, ModelError};
+pub use output_layer::OutputEquations;
 pub use plain::PlainNetwork;
 pub use scalar::Scalar;
 
@@ -47,6 +49,12 @@ pub trait Engine<T: Scalar> {
     /// # Errors
     /// What the engine reports, such as lengths that do not fit the architecture.
     fn loss_and_gradient(&self, parameters: &[T], gradient: &mut [T]) -> Result<f64, Error>;
+
+    /// The normal equations of the output layer over the training samples, none of which is one-sided.
+    ///
+    /// # Errors
+    /// As for [`Self::loss_and_gradient`].
+    fn output_equations(&self, parameters: &[T]) -> Result<OutputEquations, Error>;
 
     /// L over the validation samples; `None` without a hold-out.
     ///

@@ -6,6 +6,7 @@ use std::iter;
 use rayon::prelude::*;
 
 use super::neighbours::{Neighbourhoods, quantile, tangents};
+use crate::reconstruction::cholesky;
 use crate::reconstruction::vector::{Vec3, along, dot, norm, normalized, sub};
 
 /// Sizes of neighbourhoods that are tried, in multiples of the chosen number of neighbours.
@@ -177,26 +178,8 @@ fn fit(arms: &[Vec3], normal: Vec3, coefficients: usize) -> Option<Fit> {
     })
 }
 
-/// The solution of the first `n` of symmetric equations, of which the lower triangle is read, by
-/// Cholesky's decomposition; `None` where they are singular.
-fn solved(mut a: [[f64; 6]; 6], mut b: [f64; 6], n: usize) -> Option<[f64; 6]> {
-    for i in 0..n {
-        for j in 0..=i {
-            let rest = a[i][j] - (0..j).map(|k| a[i][k] * a[j][k]).sum::<f64>();
-            a[i][j] = if j < i {
-                rest / a[j][j]
-            } else if rest > 1e-12 {
-                rest.sqrt()
-            } else {
-                return None;
-            };
-        }
-    }
-    for i in 0..n {
-        b[i] = (b[i] - (0..i).map(|k| a[i][k] * b[k]).sum::<f64>()) / a[i][i];
-    }
-    for i in (0..n).rev() {
-        b[i] = (b[i] - (i + 1..n).map(|k| a[k][i] * b[k]).sum::<f64>()) / a[i][i];
-    }
-    Some(b)
+/// The solution of the first `n` of symmetric equations, of which the lower triangle is read.
+fn solved(mut matrix: [[f64; 6]; 6], mut right: [f64; 6], n: usize) -> Option<[f64; 6]> {
+    cholesky::solve(matrix.as_flattened_mut(), 6, &mut right[..n])?;
+    Some(right)
 }

@@ -70,6 +70,7 @@ pub const CHOICES: &[Choice] = &[
     choice("/network/precision", &["f32", "f64"]),
     choice("/training/engine", &["auto", "fused", "libtorch"]),
     choice("/training/optimizer", &["lbfgs", "adam", "adam_lbfgs"]),
+    choice("/training/output_layer", &["trained", "solved"]),
     choice("/sampling/frame", &["normalized", "given"]),
     choice("/sampling/targets", &["binary", "graded"]),
     choice("/sampling/off_surface", &["generated", "labels"]),

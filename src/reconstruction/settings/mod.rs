@@ -35,6 +35,21 @@ pub struct Settings {
     pub surface: Surface,
 }
 
+/// Generated samples for each pair of L-BFGS. Reading a pair takes as long as evaluating some tens of samples;
+/// from 300 points, 20 to 100 pairs give the same surfaces, from 2000 and more every pair helps.
+const SAMPLES_PER_PAIR: usize = 64;
+
+impl Settings {
+    /// Most pairs that L-BFGS keeps over so many training samples.
+    pub fn kept_pairs(&self, samples: usize) -> usize {
+        let asked = self.training.history;
+        match self.sampling.off_surface {
+            OffSurface::Labels => asked,
+            OffSurface::Generated => asked.min(samples.div_ceil(SAMPLES_PER_PAIR)),
+        }
+    }
+}
+
 /// Residual scheme of the hidden layers; z = W a + b, `∘` element-wise (\[N24\] section 2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -102,6 +117,18 @@ pub enum Optimizer {
     AdamLbfgs,
 }
 
+/// How the weights of the output layer are found, in which f is linear.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OutputLayer {
+    /// Like all others, by the optimiser (\[N24\]).
+    #[default]
+    Trained,
+    /// By linear least squares at each evaluation (variable projection); trained where samples are
+    /// one-sided, as on sparse clouds.
+    Solved,
+}
+
 /// How the network is fitted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -112,6 +139,9 @@ pub struct Training {
     pub engine: Engine,
     /// Which optimiser fits the network.
     pub optimizer: Optimizer,
+    /// How the output layer is found.
+    #[serde(default)]
+    pub output_layer: OutputLayer,
     /// First trial step of each L-BFGS line search.
     pub learning_rate: f64,
     /// Most L-BFGS pairs that are kept; of generated samples, no more than one for 64 samples.

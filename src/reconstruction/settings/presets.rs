@@ -4,8 +4,8 @@ use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Components, Engine, Evaluation, Frame, Network, OffSurface, Optimizer, Precision, Sampling,
-    Scheme, Settings, Surface, Targets, Training,
+    Components, Engine, Evaluation, Frame, Network, OffSurface, Optimizer, OutputLayer, Precision,
+    Sampling, Scheme, Settings, Surface, Targets, Training,
 };
 
 /// A named set of settings.
@@ -45,8 +45,8 @@ impl Preset {
             Self::Balanced => balanced,
             Self::Fast => Settings {
                 training: Training {
-                    max_evaluations: 400,
-                    patience: 150,
+                    max_evaluations: 300,
+                    patience: 100,
                     ..balanced.training
                 },
                 sampling: Sampling {
@@ -62,7 +62,7 @@ impl Preset {
             },
             Self::Fine => Settings {
                 training: Training {
-                    max_evaluations: 5_000,
+                    max_evaluations: 3_000,
                     patience: 600,
                     ..balanced.training
                 },
@@ -95,12 +95,13 @@ fn balanced() -> Settings {
             seed: 1,
             engine: Engine::Auto,
             optimizer: Optimizer::Lbfgs,
+            output_layer: OutputLayer::Solved,
             learning_rate: 1.0,
             history: 100,
             tolerance_gradient: 1e-9,
             tolerance_change: 1e-11,
             max_iterations: 100_000,
-            max_evaluations: 1_500,
+            max_evaluations: 1_000,
             adam_evaluations: 200,
             adam_learning_rate: 1e-3,
             smoothing: 1.0,
@@ -137,6 +138,7 @@ fn paper(base: Settings) -> Settings {
     Settings {
         network: base.network,
         training: Training {
+            output_layer: OutputLayer::Trained,
             learning_rate: 0.1,
             history: 100,
             tolerance_gradient: 1e-11,

@@ -55,7 +55,7 @@ impl Adam {
             *parameter = T::from_f64(parameter.to_f64() - self.learning_rate * change);
         }
         let mut gradient = vec![T::ZERO; parameters.len()];
-        let loss = objective(&parameters, &mut gradient)?;
+        let loss = objective(&mut parameters, &mut gradient)?;
         *at = Iterate {
             parameters,
             loss,

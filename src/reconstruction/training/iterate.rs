@@ -8,8 +8,9 @@ use crate::reconstruction::error::Error;
 use crate::reconstruction::network::Scalar;
 
 /// What is minimised: returns the loss at the given parameters and writes its gradient. Values
-/// that are not finite are allowed: the line search backs away from them.
-pub type Objective<'a, T> = dyn FnMut(&[T], &mut [T]) -> Result<f64, Interrupt> + 'a;
+/// that are not finite are allowed: the line search backs away from them. Parameters that it solves for
+/// it sets to the solution; its gradient along them is 0.
+pub type Objective<'a, T> = dyn FnMut(&mut [T], &mut [T]) -> Result<f64, Interrupt> + 'a;
 
 /// Why an optimiser makes no further step.
 #[derive(Debug)]
@@ -52,9 +53,12 @@ impl<T: Scalar> Iterate<T> {
     ///
     /// # Errors
     /// [`Error::TrainingDiverged`] unless loss and gradient are finite; what the objective reports.
-    pub fn new(parameters: Vec<T>, objective: &mut Objective<'_, T>) -> Result<Self, Interrupt> {
+    pub fn new(
+        mut parameters: Vec<T>,
+        objective: &mut Objective<'_, T>,
+    ) -> Result<Self, Interrupt> {
         let mut gradient = vec![T::ZERO; parameters.len()];
-        let loss = objective(&parameters, &mut gradient)?;
+        let loss = objective(&mut parameters, &mut gradient)?;
         let iterate = Self {
             parameters,
             loss,

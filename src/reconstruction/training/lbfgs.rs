@@ -112,7 +112,7 @@ impl<T: Scalar> Lbfgs<T> {
         self.evaluations = evaluations;
         let loss_change = found.trial.loss - at.loss;
         *at = Iterate {
-            parameters: line.at(length),
+            parameters: found.trial.parameters,
             loss: found.trial.loss,
             gradient: found.trial.gradient,
         };

@@ -38,7 +38,9 @@ pub(super) struct Trial<T> {
     pub(super) loss: f64,
     /// L'(t).
     slope: f64,
-    /// ∇L at x + t d.
+    /// x + t d, as the objective leaves it.
+    pub(super) parameters: Vec<T>,
+    /// ∇L there.
     pub(super) gradient: Vec<T>,
 }
 
@@ -54,7 +56,7 @@ pub(super) struct Found<T> {
 
 impl<T: Scalar> Line<'_, T> {
     /// x + t d.
-    pub(super) fn at(&self, step: f64) -> Vec<T> {
+    fn at(&self, step: f64) -> Vec<T> {
         let mut parameters = self.start.parameters.clone();
         add_scaled(&mut parameters, step, self.direction);
         parameters
@@ -65,6 +67,7 @@ impl<T: Scalar> Line<'_, T> {
             step: 0.0,
             loss: self.start.loss,
             slope: self.slope,
+            parameters: self.start.parameters.clone(),
             gradient: self.start.gradient.clone(),
         }
     }
@@ -126,7 +129,8 @@ struct Search<'a, 'b, T> {
 impl<T: Scalar> Search<'_, '_, T> {
     fn evaluate(&mut self, step: f64) -> Result<Trial<T>, Interrupt> {
         let mut gradient = vec![T::ZERO; self.line.direction.len()];
-        let loss = (self.objective)(&self.line.at(step), &mut gradient)?;
+        let mut parameters = self.line.at(step);
+        let loss = (self.objective)(&mut parameters, &mut gradient)?;
         let slope = dot(&gradient, self.line.direction);
         // A component that is not finite makes the slope so: 0 ∞ and ∞ - ∞ are NaN.
         let finite = loss.is_finite() && slope.is_finite();
@@ -137,6 +141,7 @@ impl<T: Scalar> Search<'_, '_, T> {
             step,
             loss: if finite { loss } else { f64::INFINITY },
             slope,
+            parameters,
             gradient,
         })
     }

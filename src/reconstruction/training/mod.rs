@@ -11,6 +11,7 @@ mod linear_algebra;
 mod method;
 mod monitor;
 mod pairs;
+mod problem;
 mod run;
 
 use serde::{Deserialize, Serialize};
@@ -19,7 +20,8 @@ pub use adam::Adam;
 pub use checkpoint::Identity;
 pub use iterate::{Interrupt, Iterate, Objective, Step};
 pub use lbfgs::{Lbfgs, Options};
-pub use monitor::{Hooks, Problem, Snapshot};
+pub use monitor::{Hooks, Snapshot};
+pub use problem::Problem;
 pub use run::{Trained, train};
 
 /// Why training ended. Not converging is a result, not an error.

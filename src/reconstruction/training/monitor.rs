@@ -3,7 +3,7 @@
 
 use super::checkpoint::Identity;
 use super::iterate::Interrupt;
-use super::linear_algebra::dot;
+use super::problem::Problem;
 use super::{GradientHistogram, Metrics, Termination};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::network::{Engine, Scalar};
@@ -23,29 +23,6 @@ pub struct Hooks<'a, T> {
     pub snapshot: &'a mut Snapshot<'a, T>,
     /// What a checkpoint must belong to.
     pub identity: Identity,
-}
-
-/// What is minimised: the loss over the samples of an engine, and λ/2 |parameters|².
-#[derive(Clone, Copy)]
-pub struct Problem<'a, T> {
-    /// Evaluates the loss.
-    pub engine: &'a dyn Engine<T>,
-    /// λ; 0 in \[N24\].
-    pub weight_decay: f64,
-}
-
-impl<T: Scalar> Problem<'_, T> {
-    fn loss_and_gradient(&self, parameters: &[T], gradient: &mut [T]) -> Result<f64, Error> {
-        let loss = self.engine.loss_and_gradient(parameters, gradient)?;
-        if self.weight_decay <= 0.0 {
-            return Ok(loss);
-        }
-        let decay = T::from_f64(self.weight_decay);
-        for (g, p) in gradient.iter_mut().zip(parameters) {
-            *g += decay * *p;
-        }
-        Ok(loss + 0.5 * self.weight_decay * dot(parameters, parameters))
-    }
 }
 
 /// Stands between the optimiser and the engine.
@@ -105,7 +82,7 @@ impl<'a, T: Scalar> Monitor<'a, T> {
     /// Loss and gradient, unless the run is to stop.
     pub(super) fn evaluate(
         &mut self,
-        parameters: &[T],
+        parameters: &mut [T],
         gradient: &mut [T],
     ) -> Result<f64, Interrupt> {
         self.check_stop()?;

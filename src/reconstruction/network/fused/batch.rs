@@ -28,6 +28,8 @@ pub(super) struct Batch {
     lower: Aligned,
     upper: Aligned,
     weights: Aligned,
+    /// Sum of the weights.
+    pub(super) total_weight: f64,
 }
 
 impl Batch {
@@ -52,6 +54,7 @@ impl Batch {
             lower: column(&|i| samples.free_range(i)[0]),
             upper: column(&|i| samples.free_range(i)[1]),
             weights: column(&|i| samples.weights[i]),
+            total_weight: samples.weights.iter().sum(),
         }
     }
 

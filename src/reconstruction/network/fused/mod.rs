@@ -18,6 +18,7 @@
 mod aligned;
 mod batch;
 mod field;
+mod output;
 mod panels;
 mod pass;
 mod pool;
@@ -29,12 +30,13 @@ use std::ops::Range;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::{Architecture, Engine};
+use super::{Architecture, Engine, OutputEquations};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::sampling::Samples;
 use crate::reconstruction::surface::Field;
 use batch::Batch;
 use field::FusedField;
+use output::OutputSums;
 use panels::affine_maps;
 use pass::{Network, Pass, Rule, Scratch, block_vectors, rules};
 use pool::Pool;
@@ -100,42 +102,57 @@ impl Fused {
             return f64::NAN;
         }
         let network = self.network(parameters);
+        let length = if gradient.is_some() {
+            parameters.len()
+        } else {
+            0
+        };
+        let (loss, sums) = self.sum_over_tiles(batch, length, |blocks, scratch, gradient| {
+            self.arch.dispatch(Tile {
+                network: &network,
+                batch,
+                blocks,
+                scratch,
+                gradient,
+            })
+        });
+        for (g, sum) in gradient.into_iter().flatten().zip(sums) {
+            *g = sum as f32;
+        }
+        loss
+    }
+
+    /// Runs `work` on the tiles of a batch; adds up what it returns, and what it writes into the `length`
+    /// zeros that it is given, in the order of the tiles.
+    fn sum_over_tiles(
+        &self,
+        batch: &Batch,
+        length: usize,
+        work: impl Fn(Range<usize>, &mut Scratch, &mut [f32]) -> f64 + Sync,
+    ) -> (f64, Vec<f64>) {
         let block_points = block_points(self.arch);
         let points = self
             .training
             .tile_points()
             .max(self.validation.tile_points());
         let scratch = || Scratch::new(&self.rules, self.architecture.width, points, block_points);
-        let length = if gradient.is_some() {
-            parameters.len()
-        } else {
-            0
-        };
         let tiles: Vec<(f64, Vec<f32>)> = batch
             .tiles()
             .into_par_iter()
             .with_max_len(1)
             .map(|blocks| {
-                let mut gradient = vec![0.0; length];
-                let loss = self.scratch.with(scratch, |scratch| {
-                    self.arch.dispatch(Tile {
-                        network: &network,
-                        batch,
-                        blocks,
-                        scratch,
-                        gradient: &mut gradient,
-                    })
-                });
-                (loss, gradient)
+                let mut sums = vec![0.0; length];
+                let returned = self
+                    .scratch
+                    .with(scratch, |scratch| work(blocks, scratch, &mut sums));
+                (returned, sums)
             })
             .collect();
-        for (i, sum) in gradient.into_iter().flatten().enumerate() {
-            *sum = tiles
-                .iter()
-                .map(|(_, part)| f64::from(part[i]))
-                .sum::<f64>() as f32;
-        }
-        tiles.iter().map(|(loss, _)| loss).sum()
+        let sum = |i: usize| tiles.iter().map(|(_, part)| f64::from(part[i])).sum();
+        (
+            tiles.iter().map(|(returned, _)| returned).sum(),
+            (0..length).map(sum).collect(),
+        )
     }
 }
 
@@ -171,6 +188,22 @@ impl Engine<f32> for Fused {
 
     fn loss_and_gradient(&self, parameters: &[f32], gradient: &mut [f32]) -> Result<f64, Error> {
         Ok(self.evaluate(parameters, &self.training, Some(gradient)))
+    }
+
+    fn output_equations(&self, parameters: &[f32]) -> Result<OutputEquations, Error> {
+        let (network, batch) = (self.network(parameters), &self.training);
+        let length = OutputSums::length(self.architecture.width);
+        let (_, sums) = self.sum_over_tiles(batch, length, |blocks, scratch, sums| {
+            self.arch.dispatch(OutputSums {
+                network: &network,
+                batch,
+                blocks,
+                scratch,
+                sums,
+            });
+            0.0
+        });
+        Ok(OutputSums::equations(&sums, batch))
     }
 
     fn validation_loss(&self, parameters: &[f32]) -> Result<Option<f64>, Error> {

@@ -173,6 +173,65 @@ impl<S: Simd> Pass<'_, S> {
         products::backward(self.simd, map, &mut input);
     }
 
+    /// w a of the last hidden layer of a block in place of its slopes, and w y in place of `values`.
+    #[inline(always)]
+    pub(super) fn weigh_output<const N: usize>(
+        &mut self,
+        block: usize,
+        targets: &[f32],
+        weights: &[f32],
+    ) {
+        let Scratch {
+            outputs,
+            slopes,
+            values,
+            ..
+        } = &mut *self.scratch;
+        let values = values[block * weights.len()..].iter_mut();
+        for ((value, target), weight) in values.zip(targets).zip(weights) {
+            *value = weight * target;
+        }
+        let (Some(a), Some(slope)) = (outputs.last(), slopes.last_mut()) else {
+            return;
+        };
+        let width = self.network.maps[self.network.rules.len()].weight.columns;
+        let weights = rows::<S, N>(weights)[0];
+        let rows = block_of_mut::<S, N>(slope, block, width).iter_mut();
+        for (weighted, a) in rows.zip(block_of::<S, N>(a, block, width)) {
+            for v in 0..N {
+                weighted[v] = self.simd.mul_f32s(weights[v], a[v]);
+            }
+        }
+    }
+
+    /// What [`super::output::OutputSums`] adds up, over the first `blocks` blocks, once they are weighed.
+    #[inline(always)]
+    pub(super) fn output_sums<const N: usize>(&self, blocks: usize, sums: &mut [f32]) {
+        let Scratch {
+            outputs,
+            slopes,
+            values,
+            ..
+        } = &*self.scratch;
+        let (Some(a), Some(weighted)) = (outputs.last(), slopes.last()) else {
+            return;
+        };
+        let width = self.network.maps[self.network.rules.len()].weight.columns;
+        let mut rest = sums;
+        for (delta, rows) in [(weighted, width), (values, 1)] {
+            let factors = Factors {
+                delta: &self::rows::<S, N>(delta)[..blocks * rows],
+                input: &self::rows::<S, N>(a)[..blocks * width],
+                rows,
+                columns: width,
+            };
+            let (products, behind) = rest.split_at_mut(rows * width);
+            let (sums, behind) = behind.split_at_mut(rows);
+            products::weight_gradient(self.simd, &factors, products, sums);
+            rest = behind;
+        }
+    }
+
     /// ∂L/∂parameters over the first `blocks` blocks, added to `gradient`, in which every weight is
     /// followed by its bias.
     #[inline(always)]

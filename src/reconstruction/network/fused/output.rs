@@ -1,0 +1,74 @@
+//! The sums of which the normal equations of the output layer are made.
+
+use std::ops::Range;
+
+use pulp::{Simd, WithSimd};
+
+use super::batch::Batch;
+use super::pass::{Network, Pass, Scratch, block_vectors};
+use crate::reconstruction::network::OutputEquations;
+
+/// Over some blocks of points, with a the outputs of the last hidden layer:
+/// Σ w a aᵀ, Σ w a, Σ w y a and Σ w y, one after the other, are added to `sums`.
+pub(super) struct OutputSums<'a> {
+    pub(super) network: &'a Network<'a>,
+    pub(super) batch: &'a Batch,
+    pub(super) blocks: Range<usize>,
+    pub(super) scratch: &'a mut Scratch,
+    pub(super) sums: &'a mut [f32],
+}
+
+impl OutputSums<'_> {
+    /// How many sums there are.
+    pub(super) fn length(width: usize) -> usize {
+        width * width + 2 * width + 1
+    }
+
+    /// The equations that the sums over a whole batch make.
+    pub(super) fn equations(sums: &[f64], batch: &Batch) -> OutputEquations {
+        // (width + 1)² sums.
+        let width = sums.len().isqrt() - 1;
+        let (products, rest) = sums.split_at(width * width);
+        let (weighted, targets) = rest.split_at(width);
+        let count = batch.count as f64;
+        let mut matrix = Vec::with_capacity((width + 1) * (width + 1));
+        for (row, last) in products.chunks_exact(width).zip(weighted) {
+            matrix.extend(row.iter().map(|sum| sum / count));
+            matrix.push(last / count);
+        }
+        matrix.extend(weighted.iter().map(|sum| sum / count));
+        matrix.push(batch.total_weight / count);
+        OutputEquations {
+            matrix,
+            right: targets.iter().map(|sum| sum / count).collect(),
+        }
+    }
+
+    #[inline(always)]
+    fn run<S: Simd, const N: usize>(self, simd: S) {
+        let mut pass = Pass {
+            simd,
+            network: self.network,
+            scratch: self.scratch,
+        };
+        let count = self.blocks.len();
+        for (slot, block) in self.blocks.enumerate() {
+            pass.forward::<N>(slot, self.batch.points(block));
+            let [targets, _, weights] = self.batch.targets(block);
+            pass.weigh_output::<N>(slot, targets, weights);
+        }
+        pass.output_sums::<N>(count, self.sums);
+    }
+}
+
+impl WithSimd for OutputSums<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        match block_vectors::<S>() {
+            4 => self.run::<S, 4>(simd),
+            _ => self.run::<S, 2>(simd),
+        }
+    }
+}
