@@ -14,7 +14,7 @@ use crate::reconstruction::mesh::write::{Format, write};
 use crate::reconstruction::settings::assignments;
 use crate::reconstruction::training::Metrics;
 use crate::reconstruction::{
-    Event, Input, Observer, Preset, Reconstruction, Settings, reconstruct, set_threads,
+    Event, Input, Observer, Preset, Reconstruction, Settings, in_pool, reconstruct, set_threads,
 };
 
 /// Arguments of `meshway reconstruct`.
@@ -67,11 +67,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let settings = settings(arguments)?;
     // First of all: reading, too, uses the threads.
     set_threads(threads(arguments.threads)?).map_err(|error| Failure::Usage(error.to_string()))?;
+    in_pool(|| run_with(arguments, &settings))
+}
+
+fn run_with(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     let sinks = Sinks::new(arguments)?;
     let progress = Progress::new(arguments.quiet);
     let (cloud, inputs) = cloud(arguments, &progress)?;
 
-    let outcome = reconstruct(&cloud, &settings, &progress);
+    let outcome = reconstruct(&cloud, settings, &progress);
     progress.finish();
     let mut result = outcome.map_err(|error| Failure::of(error, &arguments.cloud))?;
     result.report.inputs = inputs;

@@ -40,5 +40,5 @@ mod symmetric;
 pub use error::Error;
 pub use observer::{Event, Observer, Phase, Warning};
 pub use report::{Input, Report};
-pub use run::{Reconstruction, reconstruct, set_threads};
+pub use run::{Reconstruction, in_pool, reconstruct, set_threads};
 pub use settings::{Preset, Settings};

@@ -43,6 +43,14 @@ pub fn set_threads(threads: usize) -> Result<(), Error> {
     }
 }
 
+/// Runs `work` on one of the threads of [`set_threads`].
+///
+/// From there, to share work costs next to nothing; a thread that is none of them has to wake them and to be
+/// woken for each piece, and an evaluation of few samples is over in less time.
+pub fn in_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    rayon::scope(|_| work())
+}
+
 /// Reconstructs the closed surface that `cloud` was taken from.
 ///
 /// # Errors

@@ -312,7 +312,11 @@ fn a_solved_output_layer_is_at_its_minimum_and_needs_fewer_evaluations() {
             identity: Identity::default(),
         };
         let start = initial_parameters(&small(), 1);
-        train(problem, start, &settings(), hooks).unwrap()
+        let settings = Training {
+            max_evaluations: 15,
+            ..settings()
+        };
+        train(problem, start, &settings, hooks).unwrap()
     };
     let solved = train_with(OutputLayer::Solved);
     let trained = train_with(OutputLayer::Trained);

@@ -14,6 +14,7 @@ use super::sink::{Message, Sink};
 use super::work::{Assignment, Failure, encode};
 use super::{End, Worker, lease};
 use crate::jobs::{Claim, Error, FailureReason, Lookup, NewMesh, Problem, Record, Result, Success};
+use crate::reconstruction::in_pool;
 
 /// Time between two writes of progress: four a second are what a stream shows.
 const FLUSH: Duration = Duration::from_millis(250);
@@ -104,9 +105,10 @@ impl<'a> Attempt<'a> {
         std::thread::Builder::new()
             .name("reconstruct".to_owned())
             .spawn(move || {
-                let data = checkpoint.map(|checkpoint| checkpoint.data);
-                let sink = Sink::new(sender, control, data, interval);
-                let outcome = work(&assignment, &sink).and_then(|product| {
+                let outcome = in_pool(move || {
+                    let data = checkpoint.map(|checkpoint| checkpoint.data);
+                    let sink = Sink::new(sender, control, data, interval);
+                    let product = work(&assignment, &sink)?;
                     Ok(Finished {
                         mesh: encode(&product.mesh).map_err(Failure::internal)?,
                         report: product.report,

@@ -179,7 +179,10 @@ impl Report {
         } = *subject;
         let points =
             |indices: &[usize]| -> Vec<Vec3> { indices.iter().map(|&i| cloud.points[i]).collect() };
-        let judge = Judge::new(mesh, settings.training.seed);
+        let (described, judge) = rayon::join(
+            || quality::describe(mesh),
+            || Judge::new(mesh, settings.training.seed),
+        );
         let compare = |indices| {
             judge
                 .as_ref()
@@ -205,7 +208,7 @@ impl Report {
             cloud: CloudReport::new(prepared),
             training,
             surface,
-            mesh: quality::describe(mesh),
+            mesh: described,
             distances: compare(trained_on),
             validation_distances: compare(&prepared.held_out),
             field_at_points: FieldAtPoints::measure(subject)?,
