@@ -197,7 +197,8 @@ mod tests {
 
     #[test]
     fn pairs_of_the_optimiser_take_memory() {
-        let labels = surface(100);
+        // 7000 samples are enough for 110 pairs.
+        let labels = surface(2_000);
         let mut settings = Preset::Fast.settings();
         let bytes = |settings: &Settings| Estimate::new(settings, &labels, 1).training_bytes;
         let before = bytes(&settings);
@@ -235,11 +236,16 @@ mod tests {
     #[test]
     fn a_measured_evaluation_takes_its_time() {
         let mut settings = Preset::Fast.settings();
-        // 100 pairs need as many evaluations.
+        // All pairs that so many samples keep, 55, need as many evaluations.
         settings.training.max_evaluations = 100;
         settings.sampling.far_points = 3_500 - 3 * 500;
-        for (engine, expected) in [(Engine::Auto, 3.0), (Engine::Libtorch, 8.6)] {
+        for (engine, output_layer, expected) in [
+            (Engine::Auto, OutputLayer::Trained, 2.7),
+            (Engine::Auto, OutputLayer::Solved, 3.7),
+            (Engine::Libtorch, OutputLayer::Trained, 8.5),
+        ] {
             settings.training.engine = engine;
+            settings.training.output_layer = output_layer;
             let estimate = Estimate::new(&settings, &surface(500), 1);
             assert_eq!((estimate.samples, estimate.parameters), (3_500, 10_451));
             let milliseconds = 1e3 * estimate.max_training_seconds / 100.0;

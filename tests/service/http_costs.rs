@@ -18,7 +18,8 @@ async fn what_no_worker_has_room_for_is_refused_with_what_fits() {
     assert!(detail.contains("66 MiB of the 32 MiB"), "{detail}");
     let largest = json!({"surface": {"resolution": problem["largest"]}});
     ask(largest).await.expect(200);
-    let training = ask(json!({"training": {"history": 400}})).await;
+    let wide = json!({"network": {"width": 256}, "training": {"history": 400}});
+    let training = ask(wide.clone()).await;
     let problem = training.expect_problem(422, "training_too_large");
     assert!(problem["memory_bytes"].as_u64() > problem["limit_bytes"].as_u64());
     assert!(
@@ -33,13 +34,12 @@ async fn what_no_worker_has_room_for_is_refused_with_what_fits() {
         "/settings/training/history"
     );
     let network = json!({"width": 512, "hidden_layers": 32});
-    let wide = json!({"network": network, "training": {"optimizer": "adam"}});
-    let problem = ask(wide).await.expect_problem(422, "training_too_large");
+    let deep = json!({"network": network, "training": {"optimizer": "adam"}});
+    let problem = ask(deep).await.expect_problem(422, "training_too_large");
     assert_eq!(problem["errors"][0]["pointer"], "/settings/network/width");
 
     let cloud = service.upload().await;
-    let job =
-        json!({"cloud_id": cloud, "preset": "fast", "settings": {"training": {"history": 400}}});
+    let job = json!({"cloud_id": cloud, "preset": "fast", "settings": wide});
     let refused = service.post_json("/v1/jobs", &job).await;
     refused.expect_problem(422, "training_too_large");
 }

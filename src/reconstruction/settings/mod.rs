@@ -271,3 +271,17 @@ pub struct Surface {
     /// Which connected components are kept.
     pub components: Components,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_generated_samples_keep_few_pairs() {
+        let balanced = Preset::Balanced.settings();
+        assert_eq!(balanced.kept_pairs(640), 10);
+        assert_eq!(balanced.kept_pairs(1_000_000), balanced.training.history);
+        // Those of the paper's runs stay as asked for.
+        assert_eq!(Preset::Paper.settings().kept_pairs(640), 100);
+    }
+}
