@@ -101,7 +101,7 @@ fn balanced() -> Settings {
             tolerance_gradient: 1e-9,
             tolerance_change: 1e-11,
             max_iterations: 100_000,
-            max_evaluations: 1_000,
+            max_evaluations: 800,
             adam_evaluations: 200,
             adam_learning_rate: 1e-3,
             smoothing: 1.0,
