@@ -71,10 +71,9 @@ fn measure(points: usize, width: usize, mut peers: Option<&mut Peers>) -> Value 
         residual_every: 2,
     };
     let samples = samples(points);
-    let none = Samples::default();
-    let fused = Fused::new(architecture.clone(), &samples, &none).expect("sqrhw is supported");
-    let libtorch = Libtorch::<f32>::new(architecture.clone(), &samples, &none)
-        .expect("libtorch takes the samples");
+    let fused = Fused::new(architecture.clone(), &samples).expect("sqrhw is supported");
+    let libtorch =
+        Libtorch::<f32>::new(architecture.clone(), &samples).expect("libtorch takes the samples");
     let parameters = initial_parameters::<f32>(&architecture, 1);
     let [one, many] = [1, THREADS].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();

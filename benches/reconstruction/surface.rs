@@ -38,7 +38,7 @@ impl Hand {
         let made = reconstruct(&cloud, &settings, &Nobody).expect("a hand can be reconstructed");
         let architecture = Architecture::new(&settings.network);
         let none = Samples::default();
-        let engine = engine(settings::Engine::Auto, &architecture, &none, &none)
+        let engine = engine(settings::Engine::Auto, &architecture, &none)
             .expect("there is an engine for the preset");
         let points = cloud.points.iter().map(|&p| made.model.frame.to_unit(p));
         let bounds = Bounds::of(&points.collect::<Vec<_>>()).expect("there are points");

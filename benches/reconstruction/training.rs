@@ -44,7 +44,7 @@ pub(super) fn loss(criterion: &mut Criterion) {
 fn evaluate<T: Scalar>(bencher: &mut criterion::Bencher<'_>, scheme: Scheme) {
     tch::set_num_threads(1);
     let parameters = initial_parameters::<T>(&architecture(scheme), 1);
-    let engine = Libtorch::<T>::new(architecture(scheme), &hand(), &Samples::default());
+    let engine = Libtorch::<T>::new(architecture(scheme), &hand());
     let engine = engine.expect("libtorch takes the samples");
     let mut gradient = vec![T::ZERO; parameters.len()];
     bencher.iter(|| engine.loss_and_gradient(&parameters, &mut gradient));
@@ -54,8 +54,7 @@ fn evaluate<T: Scalar>(bencher: &mut criterion::Bencher<'_>, scheme: Scheme) {
 fn fused(bencher: &mut criterion::Bencher<'_>) {
     let architecture = architecture(Scheme::Sqrhw);
     let parameters = initial_parameters::<f32>(&architecture, 1);
-    let none = Samples::default();
-    let engine = engine::<f32>(settings::Engine::Fused, &architecture, &hand(), &none);
+    let engine = engine::<f32>(settings::Engine::Fused, &architecture, &hand());
     let engine = engine.expect("sqrhw is supported");
     let mut gradient = vec![0.0; parameters.len()];
     bencher.iter(|| engine.loss_and_gradient(&parameters, &mut gradient));

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::inspect::Labels;
 use crate::reconstruction::Settings;
-use crate::reconstruction::network::{Architecture, Fused};
+use crate::reconstruction::network::{Architecture, Ensemble, Fused};
 use crate::reconstruction::settings::{
     Engine, Evaluation, OffSurface, Optimizer, OutputLayer, Precision,
 };
@@ -67,15 +67,22 @@ pub(super) struct Estimate {
 impl Estimate {
     /// For a cloud with so many points, by a worker of so many threads.
     pub(super) fn new(settings: &Settings, labels: &Labels, threads: usize) -> Self {
-        let architecture = Architecture::new(&settings.network);
-        let parameters = architecture.parameter_count() as u64;
+        // Whether the cloud is uncertain is not known yet: the larger of the two.
+        let [one, several] = [false, true].map(|u| Ensemble::new(&settings.network, u));
+        let ensemble = if several.parameter_count() > one.parameter_count() {
+            several
+        } else {
+            one
+        };
+        let architecture = &ensemble.architecture;
+        let parameters = ensemble.parameter_count() as u64;
         let samples = samples(settings, labels);
         let number_bytes = match settings.network.precision {
             Precision::F32 => 4,
             Precision::F64 => 8,
         };
-        let neurons = (settings.network.width * settings.network.hidden_layers) as u64;
-        let (flops, numbers) = if is_fused(settings, &architecture) {
+        let neurons = (architecture.width * architecture.hidden_layers) as u64;
+        let (flops, numbers) = if is_fused(settings, architecture) {
             // Value and slope of each neuron of a tile; each tile has a gradient of its own.
             let in_work = 2 * neurons * TILE_POINTS * threads.max(1) as u64;
             let tiles = samples.div_ceil(TILE_POINTS);

@@ -76,7 +76,7 @@ fn answer(model: &[u8], mut points: Vec<Vec3>, with_gradients: bool) -> Result<V
         let detail = format!("a network of this size is evaluated at no more than {most} points");
         return Err(ApiError::fault(Code::RequestInvalid, "/points", detail));
     }
-    let Some(network) = model.network() else {
+    let Some(field) = model.field() else {
         return Err(unreadable(&"the model has too few parameters"));
     };
     for point in &mut points {
@@ -84,13 +84,13 @@ fn answer(model: &[u8], mut points: Vec<Vec3>, with_gradients: bool) -> Result<V
     }
     let mut values = vec![0.0; points.len()];
     if !with_gradients {
-        network
+        field
             .values(&points, &mut values)
             .map_err(ApiError::internal)?;
         return Ok(json!({ "values": values }));
     }
     let mut gradients = vec![[0.0; 3]; points.len()];
-    network
+    field
         .values_and_gradients(&points, &mut values, &mut gradients)
         .map_err(ApiError::internal)?;
     // From the frame of training to the coordinates of the cloud: the chain rule.

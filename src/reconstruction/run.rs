@@ -3,7 +3,7 @@
 use super::cloud::{Label, PointCloud};
 use super::error::Error;
 use super::mesh::{PointTree, TriangleMesh};
-use super::network::{Architecture, Engine, Model, Scalar, engine, initial_parameters};
+use super::network::{Engine, Ensemble, Model, Scalar, engine};
 use super::observer::{Event, Observer, Phase};
 use super::report::{Report, Stopwatch, Subject, SurfaceReport, TrainingReport};
 use super::sampling::{Prepared, prepare};
@@ -94,21 +94,21 @@ fn run<T: Scalar>(
 
     observer.event(Event::Phase(Phase::Training));
     let mesher = Mesher::new(cloud, settings, &prepared, observer);
-    let architecture = Architecture::new(&settings.network);
-    let parameters = initial_parameters::<T>(&architecture, settings.training.seed);
+    let ensemble = Ensemble::new(&settings.network, prepared.uncertain);
+    let parameters = ensemble.initial_parameters::<T>(settings.training.seed);
     let engine = engine::<T>(
         settings.training.engine,
-        &architecture,
+        &ensemble.architecture,
         &prepared.training,
-        &prepared.validation,
     )?;
-    let trained = fit(engine.as_ref(), parameters, &mesher)?;
-    let field = engine.field(&trained.parameters)?;
+    let problem = problem(engine.as_ref(), settings, &prepared);
+    let trained = fit(problem, parameters, &mesher)?;
+    let field = problem.field(&trained.parameters)?;
     stopwatch.lap(Phase::Training);
 
     observer.event(Event::Phase(Phase::Surface));
     let progress = |share| observer.event(Event::Progress(share));
-    let (mesh, surface) = mesher.mesh(field.as_ref(), &stopped, &progress)?;
+    let (mesh, surface) = mesher.mesh(&field, &stopped, &progress)?;
     if let Some(warning) = surface.warning() {
         observer.event(Event::Warning(&warning));
     }
@@ -120,7 +120,8 @@ fn run<T: Scalar>(
         settings,
         prepared: &prepared,
         mesh: &mesh,
-        field: field.as_ref(),
+        ensemble: &ensemble,
+        field: &field,
         engine: engine.name(),
     };
     let mut report = Report::new(&subject, TrainingReport::new(&trained), surface)?;
@@ -128,6 +129,7 @@ fn run<T: Scalar>(
     report.seconds = stopwatch.seconds();
     let model = Model {
         settings: settings.clone(),
+        ensemble,
         frame: prepared.frame,
         parameters: trained.parameters.iter().map(|p| p.to_f64()).collect(),
     };
@@ -138,17 +140,30 @@ fn run<T: Scalar>(
     })
 }
 
+fn problem<'a, T>(
+    engine: &'a dyn Engine<T>,
+    settings: &Settings,
+    prepared: &'a Prepared,
+) -> Problem<'a, T> {
+    Problem {
+        engine,
+        validation: &prepared.validation,
+        weight_decay: prepared.weight_decay,
+        output_layer: output_layer(settings, prepared),
+    }
+}
+
 /// Trains; a snapshot is extracted at each chosen evaluation.
 fn fit<T: Scalar>(
-    engine: &dyn Engine<T>,
+    problem: Problem<'_, T>,
     parameters: Vec<T>,
     mesher: &Mesher<'_>,
 ) -> Result<Trained<T>, Error> {
     let mut snapshot = |evaluation: u64, parameters: &[T]| {
-        let field = engine.field(parameters)?;
+        let field = problem.field(parameters)?;
         // Training takes care of a release after this iteration, without losing it.
         // Its progress is not that of training.
-        match mesher.mesh(field.as_ref(), &|| mesher.observer.cancelled(), &|_| {}) {
+        match mesher.mesh(&field, &|| mesher.observer.cancelled(), &|_| {}) {
             Ok((mesh, _)) => {
                 mesher.observer.event(Event::Snapshot {
                     evaluation,
@@ -169,11 +184,6 @@ fn fit<T: Scalar>(
             &mesher.prepared.training,
             &mesher.prepared.validation,
         ),
-    };
-    let problem = Problem {
-        engine,
-        weight_decay: mesher.prepared.weight_decay,
-        output_layer: output_layer(mesher.settings, mesher.prepared),
     };
     let training = Training {
         history: mesher.settings.kept_pairs(mesher.prepared.training.len()),
@@ -234,6 +244,20 @@ impl<'a> Mesher<'a> {
         }
     }
 
+    /// Grid points along the longest edge.
+    fn resolution(&self) -> usize {
+        let settings = &self.settings.surface;
+        if settings.steps_per_spacing > 0.0 {
+            let step = self.prepared.spacing / settings.steps_per_spacing;
+            let enough = (self.bounds.longest_edge() / step).ceil();
+            settings
+                .resolution
+                .min((enough as usize).max(LEAST_RESOLUTION))
+        } else {
+            settings.resolution
+        }
+    }
+
     /// The mesh of `field`, in the coordinates of the input.
     fn mesh(
         &self,
@@ -246,7 +270,7 @@ impl<'a> Mesher<'a> {
             field,
             &Request {
                 bounds: self.bounds,
-                resolution: settings.resolution,
+                resolution: self.resolution(),
                 evaluation: settings.evaluation,
                 projection_steps: settings.projection_steps,
                 max_triangles: MAX_TRIANGLES,
@@ -288,6 +312,9 @@ impl<'a> Mesher<'a> {
         PointTree::new(&points).map_or_else(Vec::new, |tree| tree.distances(places))
     }
 }
+
+/// Least number of grid points along the longest edge that the spacing of the points leads to.
+const LEAST_RESOLUTION: usize = 64;
 
 /// How far a point may be from a component, or a piece of the surface, that it supports, in spacings of points
 /// or grid. The gaps of a random sampling stay below two.

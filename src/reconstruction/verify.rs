@@ -140,8 +140,7 @@ pub fn verify(trace: &Trace<'_>) -> Result<TraceResult, Error> {
     let expected_gradient = tensors.parameters(&architecture, "gradient0")?;
     let expected_prediction = tensors.values("prediction_final", samples.points.len())?;
 
-    let none = Samples::default();
-    let fused_difference = match Fused::new(architecture.clone(), &samples, &none) {
+    let fused_difference = match Fused::new(architecture.clone(), &samples) {
         Some(engine) => {
             let initial = initial.iter().map(|p| *p as f32).collect();
             let (losses, _) = repeat(&engine, initial, &expected)?;
@@ -149,7 +148,7 @@ pub fn verify(trace: &Trace<'_>) -> Result<TraceResult, Error> {
         }
         None => None,
     };
-    let engine = Libtorch::<f64>::new(architecture, &samples, &none)?;
+    let engine = Libtorch::<f64>::new(architecture, &samples)?;
     let mut gradient = vec![0.0; initial.len()];
     engine.loss_and_gradient(&initial, &mut gradient)?;
     let (losses, parameters) = repeat(&engine, initial, &expected)?;

@@ -2,10 +2,10 @@
 
 use std::cell::{Cell, RefCell};
 
-use meshway::reconstruction::network::{Libtorch, Scalar, initial_parameters};
+use meshway::reconstruction::network::{Ensemble, Libtorch, Scalar};
 use meshway::reconstruction::sampling::Samples;
 use meshway::reconstruction::settings::{Optimizer, Preset, Scheme, Training};
-use meshway::reconstruction::training::{Hooks, Identity, Metrics, Trained, train};
+use meshway::reconstruction::training::{Hooks, Identity, Metrics, Problem, Trained, train};
 use meshway::reconstruction::{Error, Event, Observer};
 
 use crate::network::{architecture, spiral, undecayed};
@@ -65,18 +65,23 @@ fn run<T: Scalar>(
 ) -> Result<Trained<T>, Error> {
     tch::set_num_threads(1);
     let shape = architecture(Scheme::Sqrhw, 6, 3);
-    let engine = Libtorch::new(shape.clone(), &spiral(60), &spiral(7)).unwrap();
+    let engine = Libtorch::new(shape.clone(), &spiral(60)).unwrap();
+    let validation = spiral(7);
+    let problem = Problem {
+        validation: &validation,
+        ..undecayed(&engine)
+    };
+    // Two members.
+    let ensemble = Ensemble {
+        architecture: shape,
+        members: 2,
+    };
     let hooks = Hooks {
         observer: keeper,
         snapshot: &mut |_, _| Ok(()),
         identity,
     };
-    train(
-        undecayed(&engine),
-        initial_parameters(&shape, 1),
-        settings,
-        hooks,
-    )
+    train(problem, ensemble.initial_parameters(1), settings, hooks)
 }
 
 fn interrupted_equals_uninterrupted<T: Scalar>(optimizer: Optimizer) {

@@ -54,14 +54,14 @@ fn samples(count: usize) -> Samples {
 }
 
 fn fused(arch: Arch, architecture: &Architecture, samples: &Samples) -> Fused {
-    Fused::on(arch, architecture.clone(), samples, samples).unwrap()
+    Fused::on(arch, architecture.clone(), samples).unwrap()
 }
 
 fn norm(values: impl Iterator<Item = f64>) -> f64 {
     values.map(|v| v * v).sum::<f64>().sqrt()
 }
 
-/// Holds loss, validation loss and gradient against those of libtorch.
+/// Holds loss and gradient against those of libtorch.
 fn compare(architecture: &Architecture, count: usize, seed: u64) {
     let samples = samples(count);
     let parameters = parameters(architecture, seed);
@@ -86,11 +86,6 @@ fn compare(architecture: &Architecture, count: usize, seed: u64) {
             .unwrap();
         let tolerance = LOSS * magnified * (loss + targets);
         assert!((ours - loss).abs() <= tolerance, "{context}: {ours} {loss}");
-        let validation = engine.validation_loss(&parameters).unwrap().unwrap();
-        assert!(
-            (validation - ours).abs() <= f64::EPSILON * ours,
-            "{context}"
-        );
         let pairs = gradient.iter().zip(&expected);
         let difference = norm(pairs.map(|(a, b)| f64::from(*a) - b));
         // Where residuals are small, so is the gradient, but not their errors.
@@ -156,20 +151,11 @@ fn the_largest_shapes_agree_too() {
 }
 
 #[test]
-fn no_sample_and_no_hold_out() {
-    let architecture = architecture(Scheme::Sqrhw, 9, 2);
-    let none = Samples::default();
-    let engine = Fused::new(architecture.clone(), &samples(10), &none).unwrap();
-    let parameters = parameters(&architecture, 1);
-    assert_eq!(engine.validation_loss(&parameters).unwrap(), None);
-}
-
-#[test]
 fn the_gates_of_highway_are_not_supported() {
     let none = Samples::default();
     let highway = architecture(Scheme::Highway, 9, 2);
     assert!(!Fused::supports(&highway));
-    assert!(Fused::new(highway, &none, &none).is_none());
+    assert!(Fused::new(highway, &none).is_none());
     // Without a second hidden layer there is no gate.
     assert!(Fused::supports(&architecture(Scheme::Highway, 9, 1)));
 }
@@ -182,7 +168,7 @@ fn the_bits_do_not_depend_on_the_number_of_threads() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.unwrap().install(|| {
-            let engine = Fused::new(architecture.clone(), &samples, &samples).unwrap();
+            let engine = Fused::new(architecture.clone(), &samples).unwrap();
             let mut gradient = vec![0.0; parameters.len()];
             let loss = engine
                 .loss_and_gradient(&parameters, &mut gradient)

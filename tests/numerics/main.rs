@@ -3,6 +3,7 @@
 
 mod checkpoint;
 mod engines;
+mod ensemble;
 mod mesh;
 mod network;
 mod optimiser;

@@ -2,8 +2,11 @@
 
 use std::cell::{Cell, RefCell};
 
-use meshway::reconstruction::network::{Architecture, Engine, Libtorch, initial_parameters};
+use meshway::reconstruction::network::{
+    Architecture, Engine, Ensemble, Libtorch, initial_parameters,
+};
 use meshway::reconstruction::settings::{Optimizer, OutputLayer, Preset, Scheme, Training};
+use meshway::reconstruction::surface::Field;
 use meshway::reconstruction::training::{
     GradientHistogram, Hooks, Identity, Metrics, Problem, Termination, Trained, train,
 };
@@ -55,13 +58,22 @@ fn small() -> Architecture {
 }
 
 fn run(engine: &Libtorch<f64>, settings: &Training, notes: &Notes) -> Result<Trained<f64>, Error> {
+    let start = initial_parameters(engine.architecture(), settings.seed);
+    solve(undecayed(engine), start, settings, notes)
+}
+
+fn solve(
+    problem: Problem<'_, f64>,
+    start: Vec<f64>,
+    settings: &Training,
+    notes: &Notes,
+) -> Result<Trained<f64>, Error> {
     let hooks = Hooks {
         observer: notes,
         snapshot: &mut |_, _| Ok(()),
         identity: Identity::default(),
     };
-    let start = initial_parameters(engine.architecture(), settings.seed);
-    train(undecayed(engine), start, settings, hooks)
+    train(problem, start, settings, hooks)
 }
 
 #[test]
@@ -236,14 +248,23 @@ fn training_stops_early_and_keeps_the_best() {
     let training = spiral(40);
     let mut validation = spiral(7);
     validation.targets.iter_mut().for_each(|y| *y *= -0.1);
-    let engine = Libtorch::<f64>::new(small(), &training, &validation).unwrap();
+    let engine = Libtorch::<f64>::new(small(), &training).unwrap();
+    let problem = Problem {
+        validation: &validation,
+        ..undecayed(&engine)
+    };
+    // The hold-out is that of the mean of two networks.
+    let ensemble = Ensemble {
+        architecture: small(),
+        members: 2,
+    };
     let notes = Notes::default();
     let patient = Training {
         max_evaluations: 1_000,
         patience: 15,
         ..settings()
     };
-    let trained = run(&engine, &patient, &notes).unwrap();
+    let trained = solve(problem, ensemble.initial_parameters(1), &patient, &notes).unwrap();
     assert_eq!(trained.termination, Termination::NoImprovement);
     let waited = trained.evaluations - trained.parameters_evaluation;
     assert!(
@@ -258,14 +279,23 @@ fn training_stops_early_and_keeps_the_best() {
         .collect();
     let best = trained.validation_loss.unwrap();
     assert!(losses.iter().all(|loss| best <= *loss));
-    let of_parameters = engine.validation_loss(&trained.parameters).unwrap();
-    assert_eq!(of_parameters, trained.validation_loss);
+    let mut values = vec![0.0; validation.len()];
+    let field = problem.field(&trained.parameters).unwrap();
+    field.values(&validation.points, &mut values).unwrap();
+    let costs = values.iter().enumerate().map(|(i, f)| {
+        let [lower, upper] = validation.free_range(i);
+        let beyond = (lower - f).max(f - upper).max(0.0);
+        validation.weights[i] * beyond * beyond
+    });
+    let of_parameters = costs.sum::<f64>() / validation.len() as f64;
+    assert!((of_parameters - best).abs() < 1e-12 * best);
 
     let without = Training {
         patience: 0,
         ..settings()
     };
-    let trained = run(&engine, &without, &Notes::default()).unwrap();
+    let start = ensemble.initial_parameters(1);
+    let trained = solve(problem, start, &without, &Notes::default()).unwrap();
     assert_eq!(trained.parameters_evaluation, trained.evaluations);
     assert!(trained.validation_loss.unwrap() > best);
 }

@@ -17,7 +17,7 @@ const TORUS: Shape = Shape::Torus {
     minor: 0.4,
 };
 
-struct Silent;
+pub(crate) struct Silent;
 
 impl Observer for Silent {
     fn event(&self, _: Event<'_>) {}
@@ -131,8 +131,8 @@ fn what_passes_a_bound_costs_nothing() {
         };
         let mut gradient = vec![0.0; parameters.len()];
         let engines: [Box<dyn Engine<f32>>; 2] = [
-            Box::new(Fused::new(architecture.clone(), &samples, &samples).unwrap()),
-            Box::new(Libtorch::new(architecture.clone(), &samples, &samples).unwrap()),
+            Box::new(Fused::new(architecture.clone(), &samples).unwrap()),
+            Box::new(Libtorch::new(architecture.clone(), &samples).unwrap()),
         ];
         let [fused, libtorch] =
             engines.map(|e| e.loss_and_gradient(&parameters, &mut gradient).unwrap());

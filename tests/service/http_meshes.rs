@@ -4,7 +4,7 @@ use axum::body::Body;
 use axum::http::Request;
 use meshway::jobs::{Claim, NewMesh, Record, Success};
 use meshway::reconstruction::mesh::read;
-use meshway::reconstruction::network::{Architecture, Model, initial_parameters};
+use meshway::reconstruction::network::{Ensemble, Model};
 use meshway::reconstruction::sampling::Frame;
 use meshway::reconstruction::settings::Preset;
 use meshway::reconstruction::training::{GradientHistogram, LayerHistogram, Metrics};
@@ -20,11 +20,12 @@ fn mesh() -> NewMesh {
 
 fn model() -> Model {
     let settings = Preset::Fast.settings();
-    let architecture = Architecture::new(&settings.network);
-    let parameters = initial_parameters::<f32>(&architecture, 1);
+    let ensemble = Ensemble::new(&settings.network, true);
+    let parameters = ensemble.initial_parameters::<f32>(1);
     Model {
         parameters: parameters.into_iter().map(f64::from).collect(),
         settings,
+        ensemble,
         frame: Frame {
             centre: [1.0, 2.0, 3.0],
             scale: 0.5,

@@ -103,14 +103,15 @@ impl Architecture {
         }
     }
 
-    /// Frobenius norm of each layer's weights, in the order of [`Self::layers`].
+    /// Frobenius norm of each layer's weights, in the order of [`Self::layers`]; the root of the mean square
+    /// over the members of an ensemble.
     pub fn weight_norms<T: Scalar>(&self, parameters: &[T]) -> Vec<f64> {
-        self.layers()
-            .into_iter()
-            .map(|layer| {
-                let weights = parameters[layer.weight].iter();
-                weights.map(|w| w.to_f64().powi(2)).sum::<f64>().sqrt()
-            })
-            .collect()
+        let members = self.members(parameters);
+        let norm = |layer: Layer| {
+            let weights = members.clone().flat_map(|p| &p[layer.weight.clone()]);
+            let sum: f64 = weights.map(|w| w.to_f64().powi(2)).sum();
+            (sum / members.len() as f64).sqrt()
+        };
+        self.layers().into_iter().map(norm).collect()
     }
 }

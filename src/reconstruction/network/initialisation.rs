@@ -3,7 +3,7 @@
 use rand_distr::{Distribution, StandardNormal};
 
 use super::{Architecture, Scalar};
-use crate::reconstruction::random::{Purpose, stream};
+use crate::reconstruction::random::{Generator, Purpose, stream};
 
 /// Bias that keeps the gates of `highway` mostly shut at the start, so that layers pass their
 /// input on: T = sigmoid(-1) ≈ 0.27 (\[N24\] section 2).
@@ -15,12 +15,16 @@ const GATE_BIAS: f64 = -1.0;
 /// # Determinism
 /// Drawn in f64 in the order of the parameters, then rounded: `f32` and `f64` start alike.
 pub fn initial_parameters<T: Scalar>(architecture: &Architecture, seed: u64) -> Vec<T> {
-    let mut generator = stream(seed, Purpose::Initialisation);
+    draw(architecture, &mut stream(seed, Purpose::Initialisation))
+}
+
+/// The same, drawn from where `generator` stands.
+pub(super) fn draw<T: Scalar>(architecture: &Architecture, generator: &mut Generator) -> Vec<T> {
     let mut parameters = vec![T::ZERO; architecture.parameter_count()];
     for layer in architecture.layers() {
         let deviation = (2.0 / (layer.rows + layer.columns) as f64).sqrt();
         for weight in &mut parameters[layer.weight] {
-            let normal: f64 = StandardNormal.sample(&mut generator);
+            let normal: f64 = StandardNormal.sample(generator);
             *weight = T::from_f64(deviation * normal);
         }
         if layer.name.starts_with("gate") {

@@ -23,25 +23,19 @@ const CHUNK: usize = 2048;
 #[derive(Debug)]
 pub struct Libtorch<T> {
     architecture: Architecture,
-    training: Batch,
-    validation: Batch,
+    batch: Batch,
     scalar: PhantomData<T>,
 }
 
 impl<T: Scalar> Libtorch<T> {
-    /// An engine over these samples. Without validation samples there is no validation loss.
+    /// An engine over these samples.
     ///
     /// # Errors
     /// When libtorch refuses a tensor.
-    pub fn new(
-        architecture: Architecture,
-        training: &Samples,
-        validation: &Samples,
-    ) -> Result<Self, Error> {
+    pub fn new(architecture: Architecture, samples: &Samples) -> Result<Self, Error> {
         Ok(Self {
             architecture,
-            training: Batch::new::<T>(training)?,
-            validation: Batch::new::<T>(validation)?,
+            batch: Batch::new::<T>(samples)?,
             scalar: PhantomData,
         })
     }
@@ -57,17 +51,13 @@ impl<T: Scalar> Engine<T> for Libtorch<T> {
     }
 
     fn training_samples(&self) -> usize {
-        self.training.count
-    }
-
-    fn validation_samples(&self) -> usize {
-        self.validation.count
+        self.batch.count
     }
 
     fn loss_and_gradient(&self, parameters: &[T], gradient: &mut [T]) -> Result<f64, Error> {
         let flat = Tensor::f_from_slice(parameters)?.f_set_requires_grad(true)?;
         let network = Network::new(&self.architecture, &flat)?;
-        let loss = self.training.loss(&network)?;
+        let loss = self.batch.loss(&network)?;
         let derivative = Tensor::f_run_backward(&[&loss], &[&flat], false, false)?;
         derivative[0].f_copy_data(gradient, parameters.len())?;
         Ok(loss.f_double_value(&[])?)
@@ -77,18 +67,7 @@ impl<T: Scalar> Engine<T> for Libtorch<T> {
         no_grad(|| {
             let flat = Tensor::f_from_slice(parameters)?;
             let network = Network::new(&self.architecture, &flat)?;
-            self.training.output_equations(&network)
-        })
-    }
-
-    fn validation_loss(&self, parameters: &[T]) -> Result<Option<f64>, Error> {
-        if self.validation.count == 0 {
-            return Ok(None);
-        }
-        no_grad(|| {
-            let flat = Tensor::f_from_slice(parameters)?;
-            let network = Network::new(&self.architecture, &flat)?;
-            Ok(Some(self.validation.loss(&network)?.f_double_value(&[])?))
+            self.batch.output_equations(&network)
         })
     }
 

@@ -4,6 +4,7 @@
 //! nothing but this vector, so it knows neither layers nor tensors.
 
 mod architecture;
+mod ensemble;
 mod fused;
 mod initialisation;
 mod libtorch;
@@ -13,6 +14,7 @@ mod plain;
 mod scalar;
 
 pub use architecture::{Architecture, Layer};
+pub use ensemble::{Ensemble, MeanField};
 pub use fused::{Fused, instruction_sets};
 pub use initialisation::initial_parameters;
 pub use libtorch::Libtorch;
@@ -26,7 +28,7 @@ use super::sampling::Samples;
 use super::settings;
 use super::surface::Field;
 
-/// Evaluates a network of one architecture over fixed training and validation samples.
+/// Evaluates networks of one architecture, one at a time, over fixed training samples.
 ///
 /// `Libtorch` is the reference that any other implementation is tested against.
 pub trait Engine<T: Scalar> {
@@ -38,9 +40,6 @@ pub trait Engine<T: Scalar> {
 
     /// Number of training samples.
     fn training_samples(&self) -> usize;
-
-    /// Number of validation samples; 0 without a hold-out.
-    fn validation_samples(&self) -> usize;
 
     /// L = 1/n Σ wᵢ (f(pᵢ) - yᵢ)² over the training samples, and ∂L/∂parameters into `gradient`,
     /// which is as long as `parameters`. Neither needs to be finite. One-sided samples that f
@@ -55,12 +54,6 @@ pub trait Engine<T: Scalar> {
     /// # Errors
     /// As for [`Self::loss_and_gradient`].
     fn output_equations(&self, parameters: &[T]) -> Result<OutputEquations, Error>;
-
-    /// L over the validation samples; `None` without a hold-out.
-    ///
-    /// # Errors
-    /// As for [`Self::loss_and_gradient`].
-    fn validation_loss(&self, parameters: &[T]) -> Result<Option<f64>, Error>;
 
     /// The network with these parameters as a field over the coordinates it is trained in.
     ///
@@ -77,11 +70,10 @@ pub trait Engine<T: Scalar> {
 pub fn engine<T: Scalar>(
     choice: settings::Engine,
     architecture: &Architecture,
-    training: &Samples,
-    validation: &Samples,
+    samples: &Samples,
 ) -> Result<Box<dyn Engine<T>>, Error> {
-    let libtorch = || Libtorch::new(architecture.clone(), training, validation);
-    let fused = || T::fused(architecture, training, validation);
+    let libtorch = || Libtorch::new(architecture.clone(), samples);
+    let fused = || T::fused(architecture, samples);
     Ok(match choice {
         settings::Engine::Libtorch => Box::new(libtorch()?),
         settings::Engine::Fused => fused().ok_or_else(|| {

@@ -204,7 +204,7 @@ mod tests {
             };
             let parameters: Vec<f64> = initial_parameters(&architecture, 3);
             let none = Samples::default();
-            let engine = Libtorch::<f64>::new(architecture.clone(), &none, &none).unwrap();
+            let engine = Libtorch::<f64>::new(architecture.clone(), &none).unwrap();
             let reference = evaluate(engine.field(&parameters).unwrap().as_ref(), &points);
             let plain = PlainNetwork::new(architecture, parameters).unwrap();
             let ours = evaluate(&plain, &points);

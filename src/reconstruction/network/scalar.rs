@@ -33,11 +33,7 @@ pub trait Scalar:
 
     /// The fused engine over these samples, where it computes in this type and has the
     /// architecture.
-    fn fused(
-        architecture: &Architecture,
-        training: &Samples,
-        validation: &Samples,
-    ) -> Option<Box<dyn Engine<Self>>>;
+    fn fused(architecture: &Architecture, samples: &Samples) -> Option<Box<dyn Engine<Self>>>;
 }
 
 impl Scalar for f32 {
@@ -49,12 +45,8 @@ impl Scalar for f32 {
         f64::from(self)
     }
 
-    fn fused(
-        architecture: &Architecture,
-        training: &Samples,
-        validation: &Samples,
-    ) -> Option<Box<dyn Engine<Self>>> {
-        let engine = Fused::new(architecture.clone(), training, validation)?;
+    fn fused(architecture: &Architecture, samples: &Samples) -> Option<Box<dyn Engine<Self>>> {
+        let engine = Fused::new(architecture.clone(), samples)?;
         Some(Box::new(engine))
     }
 }
@@ -68,7 +60,7 @@ impl Scalar for f64 {
         self
     }
 
-    fn fused(_: &Architecture, _: &Samples, _: &Samples) -> Option<Box<dyn Engine<Self>>> {
+    fn fused(_: &Architecture, _: &Samples) -> Option<Box<dyn Engine<Self>>> {
         None
     }
 }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::reconstruction::cloud::{Label, PointCloud};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::mesh::TriangleMesh;
+use crate::reconstruction::network::Ensemble;
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::quality::{self, Comparison, Judge, MeshReport};
 use crate::reconstruction::sampling::{Counts, NormalSource, Prepared};
@@ -62,6 +63,27 @@ impl TrainingReport {
             kept_evaluation: trained.parameters_evaluation,
             loss: trained.loss,
             validation_loss: trained.validation_loss,
+        }
+    }
+}
+
+/// What was trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct NetworkReport {
+    /// Networks whose mean is the field: 1, or `network.members` of the settings for an uncertain cloud.
+    pub members: usize,
+    /// Neurons of each of their hidden layers.
+    pub width: usize,
+    /// Trained numbers in all.
+    pub parameters: usize,
+}
+
+impl NetworkReport {
+    fn new(ensemble: &Ensemble) -> Self {
+        Self {
+            members: ensemble.members,
+            width: ensemble.architecture.width,
+            parameters: ensemble.parameter_count(),
         }
     }
 }
@@ -123,6 +145,8 @@ pub struct Report {
     pub inputs: Vec<Input>,
     /// Complete settings, seed included.
     pub settings: Settings,
+    /// What was trained.
+    pub network: NetworkReport,
     /// What evaluated loss and gradient.
     pub engine: &'static str,
     /// Threads of the run.
@@ -159,6 +183,7 @@ pub(super) struct Subject<'a> {
     pub(super) settings: &'a Settings,
     pub(super) prepared: &'a Prepared,
     pub(super) mesh: &'a TriangleMesh,
+    pub(super) ensemble: &'a Ensemble,
     pub(super) field: &'a dyn Field,
     pub(super) engine: &'static str,
 }
@@ -201,6 +226,7 @@ impl Report {
             versions: Versions::current(),
             inputs: Vec::new(),
             settings: settings.clone(),
+            network: NetworkReport::new(subject.ensemble),
             engine: subject.engine,
             threads: rayon::current_num_threads(),
             normals: prepared.normals,

@@ -144,6 +144,9 @@ pub struct Prepared {
     pub noise: Option<f64>,
     /// λ of λ/2 |parameters|², which training adds to the loss: what the noise asks for.
     pub weight_decay: f64,
+    /// Whether the points leave the surface open between or beside them: they are sparse, or their noise is
+    /// above a tenth of their spacing.
+    pub uncertain: bool,
     /// Diagonal of the box of the surface points, unit frame.
     pub diagonal: f64,
     /// Where the normals come from; none where none were needed.

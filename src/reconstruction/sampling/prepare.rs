@@ -137,6 +137,7 @@ pub fn prepare(
         spacing,
         noise: uncertainty.map(|u| u.noise),
         weight_decay,
+        uncertain: uncertainty.is_some_and(|u| u.leaves_the_surface_open()),
         diagonal: scene.bounds.diagonal(),
         normals: surface.as_ref().map(|surface| surface.source),
         orientation_confidence: surface.map(|surface| surface.confidence),

@@ -21,6 +21,8 @@ const MAX_SAFE_INTEGER: f64 = 9_007_199_254_740_991.0;
 /// The bounds of every numeric parameter, both ends included.
 pub const BOUNDS: &[Bound] = &[
     bound("/network/width", 1.0, 512.0),
+    bound("/network/members", 1.0, 16.0),
+    bound("/network/member_width", 1.0, 512.0),
     bound("/network/hidden_layers", 1.0, 32.0),
     bound("/network/residual_every", 1.0, 32.0),
     bound("/training/seed", 0.0, MAX_SAFE_INTEGER),
@@ -44,6 +46,7 @@ pub const BOUNDS: &[Bound] = &[
     bound("/sampling/far_points", 0.0, 1e6),
     bound("/sampling/neighbours", 3.0, 100.0),
     bound("/surface/resolution", 8.0, 1_024.0),
+    bound("/surface/steps_per_spacing", 0.0, 100.0),
     bound("/surface/padding", 0.0, 1.0),
     bound("/surface/projection_steps", 0.0, 10.0),
 ];

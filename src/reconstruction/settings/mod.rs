@@ -82,14 +82,26 @@ pub enum Precision {
 pub struct Network {
     /// Residual scheme of the hidden layers.
     pub scheme: Scheme,
-    /// Neurons of each hidden layer.
+    /// Neurons of each hidden layer of the one network that fits a cloud, unless that is uncertain.
     pub width: usize,
+    /// Networks side by side that fit an uncertain cloud: a sparse one, or one whose noise is above a tenth of
+    /// its spacing. Their mean is the field and errs less than one. 1: one network of `width` in any case.
+    #[serde(default = "one")]
+    pub members: usize,
+    /// Neurons of each hidden layer of those.
+    #[serde(default = "one")]
+    pub member_width: usize,
     /// Number of hidden layers.
     pub hidden_layers: usize,
     /// `hw` and `sqrhw` put the residual on hidden layers 1, 1 + n, 1 + 2n, …; 1 puts it on all.
     pub residual_every: usize,
     /// Floating-point type of parameters and samples.
     pub precision: Precision,
+}
+
+/// What [`Network::members`] was before there were any, for settings stored then.
+fn one() -> usize {
+    1
 }
 
 /// What evaluates loss and gradient.
@@ -262,8 +274,12 @@ pub enum Components {
 pub struct Surface {
     /// How the field is evaluated on the grid.
     pub evaluation: Evaluation,
-    /// Grid points along the longest edge of the padded box.
+    /// Grid points along the longest edge of the padded box, at most.
     pub resolution: usize,
+    /// Grid steps between neighbouring points of the cloud that are enough: a finer grid makes the mesh larger
+    /// and shows nothing more. 0: `resolution` in any case.
+    #[serde(default)]
+    pub steps_per_spacing: f64,
     /// Margin around the bounding box, as a share of its longest edge.
     pub padding: f64,
     /// Newton steps that move the vertices onto the zero set.

@@ -87,6 +87,8 @@ fn balanced() -> Settings {
         network: Network {
             scheme: Scheme::Sqrhw,
             width: 50,
+            members: 6,
+            member_width: 16,
             hidden_layers: 5,
             residual_every: 2,
             precision: Precision::F32,
@@ -126,6 +128,7 @@ fn balanced() -> Settings {
         surface: Surface {
             evaluation: Evaluation::Sparse,
             resolution: 256,
+            steps_per_spacing: 8.0,
             padding: 0.1,
             projection_steps: 2,
             components: Components::Supported,
@@ -136,7 +139,10 @@ fn balanced() -> Settings {
 /// \[N24\] and the script of its authors: lr 0.1, history 100, both tolerances 1e-11, 70³ grid.
 fn paper(base: Settings) -> Settings {
     Settings {
-        network: base.network,
+        network: Network {
+            members: 1,
+            ..base.network
+        },
         training: Training {
             output_layer: OutputLayer::Trained,
             learning_rate: 0.1,
@@ -160,6 +166,7 @@ fn paper(base: Settings) -> Settings {
         surface: Surface {
             evaluation: Evaluation::Dense,
             resolution: 70,
+            steps_per_spacing: 0.0,
             projection_steps: 0,
             components: Components::All,
             ..base.surface

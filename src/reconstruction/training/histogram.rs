@@ -7,10 +7,15 @@ use crate::reconstruction::network::{Architecture, Scalar};
 const BINS: usize = 100;
 
 impl GradientHistogram {
-    /// Histograms of ∂L/∂W of each layer; `gradient` is as long as the parameters, and finite.
+    /// Histograms of ∂L/∂W of each layer, over all members of an ensemble; `gradient` is finite.
     pub fn new<T: Scalar>(architecture: &Architecture, gradient: &[T], evaluation: u64) -> Self {
         let layers = architecture.layers().into_iter();
-        let layers = layers.map(|layer| LayerHistogram::new(layer.name, &gradient[layer.weight]));
+        let layers = layers.map(|layer| {
+            let members = architecture.members(gradient);
+            let of_members = members.flat_map(|gradient| &gradient[layer.weight.clone()]);
+            let values: Vec<f64> = of_members.map(|g| g.to_f64()).collect();
+            LayerHistogram::new(layer.name, &values)
+        });
         Self {
             evaluation,
             layers: layers.collect(),
@@ -19,8 +24,8 @@ impl GradientHistogram {
 }
 
 impl LayerHistogram {
-    fn new<T: Scalar>(layer: String, values: &[T]) -> Self {
-        let values = || values.iter().map(|v| v.to_f64());
+    fn new(layer: String, values: &[f64]) -> Self {
+        let values = || values.iter().copied();
         let min = values().fold(f64::INFINITY, f64::min);
         let max = values().fold(f64::NEG_INFINITY, f64::max);
         let mut counts = vec![0; BINS];

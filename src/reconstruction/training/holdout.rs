@@ -3,8 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::iterate::Iterate;
+use super::problem::Problem;
 use crate::reconstruction::error::Error;
-use crate::reconstruction::network::{Engine, Scalar};
+use crate::reconstruction::network::Scalar;
 
 /// Share of the work of an evaluation that an accepted step may spend on the hold-out.
 const WORK_SHARE: f64 = 0.1;
@@ -18,7 +19,7 @@ const LEAST_FALL: f64 = 0.01;
 
 /// Watches the validation loss and keeps the best parameters; without a hold-out, the loss.
 pub(super) struct Holdout<'a, T> {
-    engine: &'a dyn Engine<T>,
+    problem: Problem<'a, T>,
     /// Evaluations without improvement that are allowed; 0: any number.
     patience: u64,
     /// Accepted steps from one validation loss to the next.
@@ -37,11 +38,11 @@ pub(super) struct Chosen<T> {
 }
 
 impl<'a, T: Scalar> Holdout<'a, T> {
-    pub(super) fn new(engine: &'a dyn Engine<T>, patience: u64) -> Self {
-        let training = engine.training_samples().max(1) as f64;
-        let work = engine.validation_samples() as f64 / (GRADIENT_WORK * training);
+    pub(super) fn new(problem: Problem<'a, T>, patience: u64) -> Self {
+        let training = problem.engine.training_samples().max(1) as f64;
+        let work = problem.validation.len() as f64 / (GRADIENT_WORK * training);
         Self {
-            engine,
+            problem,
             patience,
             interval: (work / WORK_SHARE).ceil().max(1.0) as u64,
             best: None,
@@ -68,7 +69,7 @@ impl<'a, T: Scalar> Holdout<'a, T> {
         if !iteration.is_multiple_of(self.interval) {
             return Ok(None);
         }
-        let validation_loss = self.engine.validation_loss(&at.parameters)?;
+        let validation_loss = self.problem.validation_loss(&at.parameters)?;
         let improves = match (&self.best, validation_loss) {
             (None, loss) => loss.is_none_or(f64::is_finite),
             (Some(best), Some(loss)) => best.validation_loss.is_none_or(|lowest| loss < lowest),

@@ -60,11 +60,13 @@ pub struct Metrics {
     pub gradient_norm: f64,
     /// Accepted step length along the search direction.
     pub step_length: f64,
-    /// Frobenius norm of each layer's weights, input to output; gates after them.
+    /// Frobenius norm of each layer's weights, input to output; gates after them. Of an ensemble, the root of
+    /// the mean square over its members.
     pub weight_norms: Vec<f64>,
 }
 
-/// Distribution of the loss gradient over each layer's weights at one evaluation.
+/// Distribution of the loss gradient over each layer's weights at one evaluation; over those of all members
+/// of an ensemble.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct GradientHistogram {
     /// Function evaluation at which it was taken.

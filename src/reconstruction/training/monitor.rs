@@ -6,7 +6,7 @@ use super::iterate::Interrupt;
 use super::problem::Problem;
 use super::{GradientHistogram, Metrics, Termination};
 use crate::reconstruction::error::Error;
-use crate::reconstruction::network::{Engine, Scalar};
+use crate::reconstruction::network::Scalar;
 use crate::reconstruction::observer::{Event, Observer};
 use crate::reconstruction::settings::Training;
 
@@ -49,8 +49,8 @@ impl<'a, T: Scalar> Monitor<'a, T> {
         }
     }
 
-    pub(super) fn engine(&self) -> &'a dyn Engine<T> {
-        self.problem.engine
+    pub(super) fn problem(&self) -> Problem<'a, T> {
+        self.problem
     }
 
     /// Evaluations so far.
@@ -91,7 +91,7 @@ impl<'a, T: Scalar> Monitor<'a, T> {
         let due = |evaluations: &[u64]| evaluations.contains(&self.evaluations);
         let finite = loss.is_finite() && gradient.iter().all(|g| g.to_f64().is_finite());
         if finite && due(&self.settings.histogram_evaluations) {
-            let architecture = self.engine().architecture();
+            let architecture = self.problem.engine.architecture();
             let histogram = GradientHistogram::new(architecture, gradient, self.evaluations);
             self.hooks.observer.event(Event::Gradients(&histogram));
         }

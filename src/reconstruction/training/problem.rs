@@ -2,18 +2,26 @@
 
 use super::linear_algebra::dot;
 use crate::reconstruction::error::Error;
-use crate::reconstruction::network::{Engine, Scalar};
+use crate::reconstruction::network::{Engine, MeanField, Scalar};
+use crate::reconstruction::sampling::Samples;
 use crate::reconstruction::settings::OutputLayer;
+use crate::reconstruction::surface::Field;
 
 /// Least weight decay of an output layer that is solved for: it keeps the solution a smooth function of the
 /// hidden layers where their outputs are nearly dependent.
 const LEAST_DECAY: f64 = 2e-3;
 
-/// The loss over the samples of an engine, and λ/2 |parameters|².
+/// The loss of a network over the samples of an engine, and λ/2 |parameters|²; of an ensemble, the mean over
+/// its members, whose parameters stand one after the other.
+///
+/// The members share nothing but the steps of the optimiser: one Hessian of separate blocks, which L-BFGS
+/// follows as well as those of each by itself.
 #[derive(Clone, Copy)]
 pub struct Problem<'a, T> {
-    /// Evaluates the loss.
+    /// Evaluates the loss of a network.
     pub engine: &'a dyn Engine<T>,
+    /// Samples that the field is held against; none without a hold-out.
+    pub validation: &'a Samples,
     /// λ; 0 in \[N24\].
     pub weight_decay: f64,
     /// Whether the output layer is solved for. f is linear in it, so that its best weights for given hidden
@@ -23,14 +31,63 @@ pub struct Problem<'a, T> {
     pub output_layer: OutputLayer,
 }
 
-impl<T: Scalar> Problem<'_, T> {
+impl<'a, T: Scalar> Problem<'a, T> {
+    /// The field of the network, or the mean of those of an ensemble.
+    ///
+    /// # Errors
+    /// What the engine reports.
+    pub fn field(&self, parameters: &[T]) -> Result<MeanField<'a>, Error> {
+        let members = self.engine.architecture().members(parameters);
+        let fields = members.map(|parameters| self.engine.field(parameters));
+        Ok(MeanField::new(fields.collect::<Result<_, _>>()?))
+    }
+
+    /// Mean weighted squared error of the field at the validation samples; `None` without a hold-out.
+    pub(super) fn validation_loss(&self, parameters: &[T]) -> Result<Option<f64>, Error> {
+        let samples = self.validation;
+        if samples.points.is_empty() {
+            return Ok(None);
+        }
+        let mut values = vec![0.0; samples.len()];
+        self.field(parameters)?
+            .values(&samples.points, &mut values)?;
+        let errors = values.iter().enumerate().map(|(i, f)| {
+            let [lower, upper] = samples.free_range(i);
+            // Not `clamp`, which panics where an end is not a number.
+            samples.weights[i] * (f - f.max(lower).min(upper)).powi(2)
+        });
+        Ok(Some(errors.sum::<f64>() / samples.len() as f64))
+    }
+
     /// Loss and gradient; an output layer that is solved for is set to its solution, and the gradient along
     /// it to 0.
-    pub(super) fn loss_and_gradient(
+    ///
+    /// # Errors
+    /// What the engine reports.
+    pub fn loss_and_gradient(
         &self,
         parameters: &mut [T],
         gradient: &mut [T],
     ) -> Result<f64, Error> {
+        let length = self.engine.architecture().parameter_count();
+        let members = parameters.len() / length;
+        let mut sum = 0.0;
+        for (parameters, gradient) in parameters
+            .chunks_exact_mut(length)
+            .zip(gradient.chunks_exact_mut(length))
+        {
+            sum += self.of_member(parameters, gradient)?;
+            if members > 1 {
+                let share = T::from_f64(1.0 / members as f64);
+                for g in gradient {
+                    *g = share * *g;
+                }
+            }
+        }
+        Ok(sum / members as f64)
+    }
+
+    fn of_member(&self, parameters: &mut [T], gradient: &mut [T]) -> Result<f64, Error> {
         let output = self.engine.architecture().output_layer();
         let solves = self.output_layer == OutputLayer::Solved;
         let output_decay = if solves {
@@ -40,7 +97,8 @@ impl<T: Scalar> Problem<'_, T> {
         };
         if solves {
             let equations = self.engine.output_equations(parameters)?;
-            // Without a solution the hidden layers are out of range, and so will the loss be.
+            // Without a solution the output layer stays as it is. Its equations are not finite then, and so
+            // will the loss be, or singular, and it is one of many that fit as well.
             let solution = equations.solve(output_decay).unwrap_or_default();
             for (parameter, value) in parameters[output.clone()].iter_mut().zip(solution) {
                 *parameter = T::from_f64(value);

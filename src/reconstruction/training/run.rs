@@ -86,17 +86,15 @@ impl<'a, T: Scalar> Run<'a, T> {
         settings: &'a Training,
         hooks: Hooks<'a, T>,
     ) -> Result<Self, Interrupt> {
-        let engine = problem.engine;
         let mut monitor = Monitor::new(problem, settings, hooks);
         if let Some(data) = monitor.observer().checkpoint() {
-            let dimension = engine.architecture().parameter_count();
-            match State::decode(data, monitor.identity(), dimension) {
+            match State::decode(data, monitor.identity(), parameters.len()) {
                 Ok(state) => return Ok(Self::resume(monitor, settings, state)),
                 Err(refusal) => monitor.observer().event(Event::Warning(&warning(refusal))),
             }
         }
         let at = Iterate::new(parameters, &mut |p, g| monitor.evaluate(p, g))?;
-        let mut holdout = Holdout::new(engine, settings.patience);
+        let mut holdout = Holdout::new(problem, settings.patience);
         holdout.visit(&at, 0, monitor.evaluations())?;
         Ok(Self {
             method: Method::first(settings, at.parameters.len()),
@@ -116,7 +114,7 @@ impl<'a, T: Scalar> Run<'a, T> {
         state: State<'static, T>,
     ) -> Self {
         monitor.resume(state.evaluations, state.elapsed_seconds);
-        let mut holdout = Holdout::new(monitor.engine(), settings.patience);
+        let mut holdout = Holdout::new(monitor.problem(), settings.patience);
         holdout.resume(state.best.map(Cow::into_owned));
         Self {
             monitor,
@@ -180,6 +178,7 @@ impl<'a, T: Scalar> Run<'a, T> {
         at.require_finite(evaluation)?;
         self.iterations += 1;
         let validation_loss = self.holdout.visit(at, self.iterations, evaluation)?;
+        let architecture = monitor.problem().engine.architecture();
         monitor.tell(&Metrics {
             iteration: self.iterations,
             evaluation,
@@ -187,7 +186,7 @@ impl<'a, T: Scalar> Run<'a, T> {
             validation_loss,
             gradient_norm: at.gradient_norm(),
             step_length: step.length,
-            weight_norms: monitor.engine().architecture().weight_norms(&at.parameters),
+            weight_norms: architecture.weight_norms(&at.parameters),
         });
         Ok(if step.termination.is_some() {
             step.termination

@@ -47,8 +47,7 @@ pub struct Fused {
     arch: Arch,
     architecture: Architecture,
     rules: Vec<Rule>,
-    training: Batch,
-    validation: Batch,
+    batch: Batch,
     scratch: Pool<Scratch>,
 }
 
@@ -59,30 +58,20 @@ impl Fused {
     }
 
     /// An engine over these samples for the processor at hand; `None` where it does not support the
-    /// architecture. Without validation samples there is no validation loss.
-    pub fn new(
-        architecture: Architecture,
-        training: &Samples,
-        validation: &Samples,
-    ) -> Option<Self> {
-        Self::on(Arch::new(), architecture, training, validation)
+    /// architecture.
+    pub fn new(architecture: Architecture, samples: &Samples) -> Option<Self> {
+        Self::on(Arch::new(), architecture, samples)
     }
 
     /// The same for one of the [`instruction_sets`].
-    pub fn on(
-        arch: Arch,
-        architecture: Architecture,
-        training: &Samples,
-        validation: &Samples,
-    ) -> Option<Self> {
+    pub fn on(arch: Arch, architecture: Architecture, samples: &Samples) -> Option<Self> {
         let rules = rules(&architecture)?;
         let block_points = block_points(arch);
         Some(Self {
             arch,
             architecture,
             rules,
-            training: Batch::new(training, block_points),
-            validation: Batch::new(validation, block_points),
+            batch: Batch::new(samples, block_points),
             scratch: Pool::new(),
         })
     }
@@ -94,49 +83,18 @@ impl Fused {
         }
     }
 
-    /// Loss over a batch, and the gradient where there is room for it.
-    fn evaluate(&self, parameters: &[f32], batch: &Batch, gradient: Option<&mut [f32]>) -> f64 {
-        // Where vectors have no NaN of their own to pass on, the clamp of tanh would hide one.
-        if !parameters.iter().all(|p| p.is_finite()) {
-            gradient.into_iter().flatten().for_each(|g| *g = f32::NAN);
-            return f64::NAN;
-        }
-        let network = self.network(parameters);
-        let length = if gradient.is_some() {
-            parameters.len()
-        } else {
-            0
-        };
-        let (loss, sums) = self.sum_over_tiles(batch, length, |blocks, scratch, gradient| {
-            self.arch.dispatch(Tile {
-                network: &network,
-                batch,
-                blocks,
-                scratch,
-                gradient,
-            })
-        });
-        for (g, sum) in gradient.into_iter().flatten().zip(sums) {
-            *g = sum as f32;
-        }
-        loss
-    }
-
-    /// Runs `work` on the tiles of a batch; adds up what it returns, and what it writes into the `length`
-    /// zeros that it is given, in the order of the tiles.
+    /// Runs `work` on the tiles; adds up what it returns, and what it writes into the `length` zeros that it
+    /// is given, in the order of the tiles.
     fn sum_over_tiles(
         &self,
-        batch: &Batch,
         length: usize,
         work: impl Fn(Range<usize>, &mut Scratch, &mut [f32]) -> f64 + Sync,
     ) -> (f64, Vec<f64>) {
         let block_points = block_points(self.arch);
-        let points = self
-            .training
-            .tile_points()
-            .max(self.validation.tile_points());
+        let points = self.batch.tile_points();
         let scratch = || Scratch::new(&self.rules, self.architecture.width, points, block_points);
-        let tiles: Vec<(f64, Vec<f32>)> = batch
+        let tiles: Vec<(f64, Vec<f32>)> = self
+            .batch
             .tiles()
             .into_par_iter()
             .with_max_len(1)
@@ -179,36 +137,45 @@ impl Engine<f32> for Fused {
     }
 
     fn training_samples(&self) -> usize {
-        self.training.count
-    }
-
-    fn validation_samples(&self) -> usize {
-        self.validation.count
+        self.batch.count
     }
 
     fn loss_and_gradient(&self, parameters: &[f32], gradient: &mut [f32]) -> Result<f64, Error> {
-        Ok(self.evaluate(parameters, &self.training, Some(gradient)))
+        // Where vectors have no NaN of their own to pass on, the clamp of tanh would hide one.
+        if !parameters.iter().all(|p| p.is_finite()) {
+            gradient.fill(f32::NAN);
+            return Ok(f64::NAN);
+        }
+        let network = self.network(parameters);
+        let (loss, sums) = self.sum_over_tiles(parameters.len(), |blocks, scratch, gradient| {
+            self.arch.dispatch(Tile {
+                network: &network,
+                batch: &self.batch,
+                blocks,
+                scratch,
+                gradient,
+            })
+        });
+        for (g, sum) in gradient.iter_mut().zip(sums) {
+            *g = sum as f32;
+        }
+        Ok(loss)
     }
 
     fn output_equations(&self, parameters: &[f32]) -> Result<OutputEquations, Error> {
-        let (network, batch) = (self.network(parameters), &self.training);
+        let network = self.network(parameters);
         let length = OutputSums::length(self.architecture.width);
-        let (_, sums) = self.sum_over_tiles(batch, length, |blocks, scratch, sums| {
+        let (_, sums) = self.sum_over_tiles(length, |blocks, scratch, sums| {
             self.arch.dispatch(OutputSums {
                 network: &network,
-                batch,
+                batch: &self.batch,
                 blocks,
                 scratch,
                 sums,
             });
             0.0
         });
-        Ok(OutputSums::equations(&sums, batch))
-    }
-
-    fn validation_loss(&self, parameters: &[f32]) -> Result<Option<f64>, Error> {
-        let wanted = self.validation.count > 0;
-        Ok(wanted.then(|| self.evaluate(parameters, &self.validation, None)))
+        Ok(OutputSums::equations(&sums, &self.batch))
     }
 
     fn field(&self, parameters: &[f32]) -> Result<Box<dyn Field + '_>, Error> {
@@ -232,7 +199,7 @@ fn block_points(arch: Arch) -> usize {
     arch.dispatch(BlockPoints)
 }
 
-/// The part of some blocks in the loss, and in its gradient unless that has no room.
+/// The part of some blocks in the loss and in its gradient.
 struct Tile<'a> {
     network: &'a Network<'a>,
     batch: &'a Batch,
@@ -280,7 +247,7 @@ impl Tile<'_> {
                 at_rest &= weighted == 0.0;
             }
             // Where all bounds hold there is no gradient, and no way back.
-            if !self.gradient.is_empty() && !at_rest {
+            if !at_rest {
                 pass.keep_points(kept, points);
                 pass.backward::<N>(kept);
                 kept += 1;
