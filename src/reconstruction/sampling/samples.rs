@@ -108,16 +108,15 @@ impl Sampler<'_> {
                 Some((distance, (q, self.grading.target(inside, distance))))
             })
             .collect();
-        if self.sparse {
-            // The bounds that hold, which are the far ones, in blocks that cost no gradient.
-            found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let samples = |found: Vec<(f64, (Vec3, f64))>| -> Samples {
+            found.into_iter().map(|(_, sample)| sample).collect()
+        };
+        if !self.sparse {
+            return samples(found);
         }
-        let samples: Samples = found.into_iter().map(|(_, sample)| sample).collect();
-        if self.sparse {
-            samples.at_least()
-        } else {
-            samples
-        }
+        // The bounds that hold, which are the far ones, in blocks that cost no gradient.
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        samples(found).at_least()
     }
 }
 

@@ -1,12 +1,13 @@
 //! The network as a field.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, Simd};
 use rayon::prelude::*;
 
 use super::aligned::Aligned;
 use super::batch::fill_rows;
 use super::block_points;
-use super::pass::{Network, Pass, Rule, Scratch, block_vectors};
+use super::dispatch::{Blockwise, dispatch};
+use super::pass::{Network, Pass, Rule, Scratch};
 use super::pool::Pool;
 use crate::reconstruction::error::Error;
 use crate::reconstruction::surface::Field;
@@ -55,13 +56,14 @@ impl<'a> FusedField<'a> {
         self.workspaces.with(
             || self.workspace(),
             |workspace| {
-                self.arch.dispatch(Evaluate {
+                let work = Evaluate {
                     network: &self.network,
                     workspace,
                     points,
                     values,
                     gradients,
-                });
+                };
+                dispatch(self.arch, work);
             },
         );
     }
@@ -102,19 +104,9 @@ struct Evaluate<'a> {
     gradients: Option<&'a mut [Vec3]>,
 }
 
-impl WithSimd for Evaluate<'_> {
+impl Blockwise for Evaluate<'_> {
     type Output = ();
 
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        match block_vectors::<S>() {
-            4 => self.run::<S, 4>(simd),
-            _ => self.run::<S, 2>(simd),
-        }
-    }
-}
-
-impl Evaluate<'_> {
     #[inline(always)]
     fn run<S: Simd, const N: usize>(mut self, simd: S) {
         let Workspace {

@@ -17,6 +17,7 @@
 
 mod aligned;
 mod batch;
+mod dispatch;
 mod field;
 mod output;
 mod panels;
@@ -35,6 +36,7 @@ use crate::reconstruction::error::Error;
 use crate::reconstruction::sampling::Samples;
 use crate::reconstruction::surface::Field;
 use batch::Batch;
+use dispatch::{Blockwise, dispatch};
 use field::FusedField;
 use output::OutputSums;
 use panels::affine_maps;
@@ -148,13 +150,14 @@ impl Engine<f32> for Fused {
         }
         let network = self.network(parameters);
         let (loss, sums) = self.sum_over_tiles(parameters.len(), |blocks, scratch, gradient| {
-            self.arch.dispatch(Tile {
+            let tile = Tile {
                 network: &network,
                 batch: &self.batch,
                 blocks,
                 scratch,
                 gradient,
-            })
+            };
+            dispatch(self.arch, tile)
         });
         for (g, sum) in gradient.iter_mut().zip(sums) {
             *g = sum as f32;
@@ -166,13 +169,14 @@ impl Engine<f32> for Fused {
         let network = self.network(parameters);
         let length = OutputSums::length(self.architecture.width);
         let (_, sums) = self.sum_over_tiles(length, |blocks, scratch, sums| {
-            self.arch.dispatch(OutputSums {
+            let work = OutputSums {
                 network: &network,
                 batch: &self.batch,
                 blocks,
                 scratch,
                 sums,
-            });
+            };
+            dispatch(self.arch, work);
             0.0
         });
         Ok(OutputSums::equations(&sums, &self.batch))
@@ -208,19 +212,9 @@ struct Tile<'a> {
     gradient: &'a mut [f32],
 }
 
-impl WithSimd for Tile<'_> {
+impl Blockwise for Tile<'_> {
     type Output = f64;
 
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> f64 {
-        match block_vectors::<S>() {
-            4 => self.run::<S, 4>(simd),
-            _ => self.run::<S, 2>(simd),
-        }
-    }
-}
-
-impl Tile<'_> {
     #[inline(always)]
     fn run<S: Simd, const N: usize>(self, simd: S) -> f64 {
         let mut pass = Pass {

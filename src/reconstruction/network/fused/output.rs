@@ -2,10 +2,11 @@
 
 use std::ops::Range;
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 use super::batch::Batch;
-use super::pass::{Network, Pass, Scratch, block_vectors};
+use super::dispatch::Blockwise;
+use super::pass::{Network, Pass, Scratch};
 use crate::reconstruction::network::OutputEquations;
 
 /// Over some blocks of points, with a the outputs of the last hidden layer:
@@ -43,6 +44,10 @@ impl OutputSums<'_> {
             right: targets.iter().map(|sum| sum / count).collect(),
         }
     }
+}
+
+impl Blockwise for OutputSums<'_> {
+    type Output = ();
 
     #[inline(always)]
     fn run<S: Simd, const N: usize>(self, simd: S) {
@@ -58,17 +63,5 @@ impl OutputSums<'_> {
             pass.weigh_output::<N>(slot, targets, weights);
         }
         pass.output_sums::<N>(count, self.sums);
-    }
-}
-
-impl WithSimd for OutputSums<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        match block_vectors::<S>() {
-            4 => self.run::<S, 4>(simd),
-            _ => self.run::<S, 2>(simd),
-        }
     }
 }
