@@ -67,7 +67,7 @@ fn the_field_is_the_mean_of_those_of_the_members() {
     }
 }
 
-/// Of the bumpy points of a sparse sphere, the settings fit several networks, and of a dense one a single one.
+/// A sparse or noisy sphere is fitted by several networks, a dense clean one by one.
 #[test]
 fn uncertain_clouds_have_several_networks_and_others_one() {
     let mut settings = Preset::Fast.settings();

@@ -304,13 +304,7 @@ fn training_stops_early_and_keeps_the_best() {
 fn divergence_is_an_error() {
     let engine = engine::<f64>(small(), &spiral(60));
     let start = vec![f64::MAX; small().parameter_count()];
-    let notes = Notes::default();
-    let hooks = Hooks {
-        observer: &notes,
-        snapshot: &mut |_, _| Ok(()),
-        identity: Identity::default(),
-    };
-    let error = train(undecayed(&engine), start, &settings(), hooks).unwrap_err();
+    let error = solve(undecayed(&engine), start, &settings(), &Notes::default()).unwrap_err();
     assert_eq!(error.code(), "training_diverged");
 
     let wild = Training {
@@ -335,18 +329,12 @@ fn a_solved_output_layer_is_at_its_minimum_and_needs_fewer_evaluations() {
             output_layer,
             ..undecayed(&engine)
         };
-        let notes = Notes::default();
-        let hooks = Hooks {
-            observer: &notes,
-            snapshot: &mut |_, _| Ok(()),
-            identity: Identity::default(),
-        };
         let start = initial_parameters(&small(), 1);
         let settings = Training {
             max_evaluations: 15,
             ..settings()
         };
-        train(problem, start, &settings, hooks).unwrap()
+        solve(problem, start, &settings, &Notes::default()).unwrap()
     };
     let solved = train_with(OutputLayer::Solved);
     let trained = train_with(OutputLayer::Trained);

@@ -3,7 +3,7 @@
 //! Fitted to the same samples from different first weights, networks agree where there are samples and err
 //! independently of each other elsewhere; their mean errs less than any of them.
 
-use std::slice::ChunksExact;
+use std::slice::Chunks;
 
 use super::initialisation::draw;
 use super::{Architecture, Scalar};
@@ -59,9 +59,10 @@ impl Ensemble {
 }
 
 impl Architecture {
-    /// The parameters of each member of an ensemble of this architecture.
-    pub fn members<'a, P>(&self, parameters: &'a [P]) -> ChunksExact<'a, P> {
-        parameters.chunks_exact(self.parameter_count())
+    /// The parameters of each member of an ensemble of this architecture; the last are too few where their
+    /// number fits no ensemble, which engines refuse.
+    pub fn members<'a, P>(&self, parameters: &'a [P]) -> Chunks<'a, P> {
+        parameters.chunks(self.parameter_count())
     }
 }
 

@@ -14,8 +14,8 @@ const LEAST_DECAY: f64 = 2e-3;
 /// The loss of a network over the samples of an engine, and λ/2 |parameters|²; of an ensemble, the mean over
 /// its members, whose parameters stand one after the other.
 ///
-/// The members share nothing but the steps of the optimiser: one Hessian of separate blocks, which L-BFGS
-/// follows as well as those of each by itself.
+/// The members share nothing but the steps of the optimiser. That costs some evaluations on clean points, and
+/// leaves one run to follow, to interrupt and to take up again.
 #[derive(Clone, Copy)]
 pub struct Problem<'a, T> {
     /// Evaluates the loss of a network.
@@ -70,11 +70,11 @@ impl<'a, T: Scalar> Problem<'a, T> {
         gradient: &mut [T],
     ) -> Result<f64, Error> {
         let length = self.engine.architecture().parameter_count();
-        let members = parameters.len() / length;
+        let members = parameters.chunks(length).len();
         let mut sum = 0.0;
         for (parameters, gradient) in parameters
-            .chunks_exact_mut(length)
-            .zip(gradient.chunks_exact_mut(length))
+            .chunks_mut(length)
+            .zip(gradient.chunks_mut(length))
         {
             sum += self.of_member(parameters, gradient)?;
             if members > 1 {

@@ -28,7 +28,7 @@ mod unit;
 
 use std::ops::Range;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, Simd};
 use rayon::prelude::*;
 
 use super::{Architecture, Engine, OutputEquations};
@@ -40,7 +40,7 @@ use dispatch::{Blockwise, dispatch};
 use field::FusedField;
 use output::OutputSums;
 use panels::affine_maps;
-use pass::{Network, Pass, Rule, Scratch, block_vectors, rules};
+use pass::{Network, Pass, Rule, Scratch, rules};
 use pool::Pool;
 
 /// A network and its samples in blocks of points.
@@ -193,14 +193,14 @@ impl Engine<f32> for Fused {
 /// Points of a block on this instruction set.
 fn block_points(arch: Arch) -> usize {
     struct BlockPoints;
-    impl WithSimd for BlockPoints {
+    impl Blockwise for BlockPoints {
         type Output = usize;
         #[inline(always)]
-        fn with_simd<S: Simd>(self, _: S) -> usize {
-            S::F32_LANES * block_vectors::<S>()
+        fn run<S: Simd, const N: usize>(self, _: S) -> usize {
+            S::F32_LANES * N
         }
     }
-    arch.dispatch(BlockPoints)
+    dispatch(arch, BlockPoints)
 }
 
 /// The part of some blocks in the loss and in its gradient.
