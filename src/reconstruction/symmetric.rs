@@ -10,6 +10,17 @@ use super::vector::{Vec3, along, scale};
 /// precision, the rest is reserve.
 const SWEEPS: usize = 12;
 
+/// Covariance of `arms` around their mean.
+pub(crate) fn covariance(arms: &[Vec3]) -> [[f64; 3]; 3] {
+    let count = arms.len() as f64;
+    let mean: Vec3 = std::array::from_fn(|a| arms.iter().map(|d| d[a]).sum::<f64>() / count);
+    std::array::from_fn(|a| {
+        std::array::from_fn(|b| {
+            arms.iter().map(|d| d[a] * d[b]).sum::<f64>() / count - mean[a] * mean[b]
+        })
+    })
+}
+
 /// Eigenvalues of the symmetric matrix `m`, ascending, and their orthonormal eigenvectors.
 ///
 /// Only the upper triangle is read. Entries are expected to be finite; if they are not, the result

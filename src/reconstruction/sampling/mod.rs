@@ -4,6 +4,7 @@
 //! way is out, which side a place is on) comes from all its points, what is trained on from an even
 //! subset within the budget.
 
+mod evenness;
 pub mod frame;
 pub mod jets;
 pub mod neighbours;
@@ -13,6 +14,7 @@ pub mod oriented;
 mod prepare;
 pub mod samples;
 pub mod selection;
+mod sides;
 mod uncertainty;
 pub mod winding;
 

@@ -6,14 +6,17 @@ use serde::{Deserialize, Serialize};
 use super::neighbours::{Neighbourhoods, Tree, median};
 use super::orientation::{noise, orient, points_inwards};
 use crate::reconstruction::observer::Warning;
-use crate::reconstruction::symmetric::eigen;
-use crate::reconstruction::vector::{Vec3, dot, normalized, scale, sub};
+use crate::reconstruction::symmetric::{covariance, eigen};
+use crate::reconstruction::vector::{Vec3, add, dot, normalized, scale, sub};
 
 /// Fewest neighbours of which a plane is fitted.
 const FEWEST: usize = 6;
 
 /// Most neighbours of which a plane is fitted, as a multiple of the chosen number.
 const MOST_WIDENING: usize = 8;
+
+/// Nearest points whose normals a point takes the mean of.
+const SHARED: usize = 8;
 
 /// Where the normals come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -105,6 +108,23 @@ pub(super) fn estimate(points: &[Vec3], tree: &Tree, neighbours: usize) -> Vec<V
         .collect()
 }
 
+/// Unit normals at `places`: each the mean of those of the nearest points of `tree` on the same sheet, whose unit
+/// normals are `normals`.
+pub(super) fn shared(places: &[Vec3], tree: &Tree, normals: &[Vec3]) -> Vec<Vec3> {
+    places
+        .par_iter()
+        .map(|p| {
+            let near = tree.nearest_n(*p, SHARED);
+            let first = normals[near[0].0];
+            let same = near
+                .iter()
+                .map(|&(i, _)| normals[i])
+                .filter(|normal| dot(*normal, first) > 0.0);
+            normalized(same.fold([0.0; 3], add)).unwrap_or(first)
+        })
+        .collect()
+}
+
 /// Median over `points` of the extent of the nearest `count` of them along the normal of their plane, as a
 /// share of that within it: near 0 on a clean surface, near 1 where noise makes it a cloud in space.
 pub(super) fn thickness(points: &[Vec3], tree: &Tree, count: usize) -> f64 {
@@ -144,16 +164,6 @@ fn plane(points: &[Vec3], tree: &Tree, p: Vec3, neighbours: usize) -> Vec3 {
         }
         count *= 2;
     }
-}
-
-fn covariance(arms: &[Vec3]) -> [[f64; 3]; 3] {
-    let count = arms.len() as f64;
-    let mean: Vec3 = std::array::from_fn(|a| arms.iter().map(|d| d[a]).sum::<f64>() / count);
-    std::array::from_fn(|a| {
-        std::array::from_fn(|b| {
-            arms.iter().map(|d| d[a] * d[b]).sum::<f64>() / count - mean[a] * mean[b]
-        })
-    })
 }
 
 /// Fills the gaps of `normals`, spreading the side from the usable ones outwards.

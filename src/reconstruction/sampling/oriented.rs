@@ -1,12 +1,12 @@
 //! The surface as its points tell it: normals, spacing, which side is inside, how far it is.
 
-use rayon::prelude::*;
-
-use super::neighbours::{Neighbourhoods, Tree, quantile};
-use super::normals::{NormalSource, Normals, normals};
+use super::evenness::even_scale;
+use super::neighbours::{Neighbourhoods, Tree};
+use super::normals::{NormalSource, Normals, normals, shared};
+use super::sides::{LEVEL, Sides};
 use super::winding::{Oriented, Winding};
 use crate::reconstruction::observer::Warning;
-use crate::reconstruction::vector::{Vec3, along, dot, sub};
+use crate::reconstruction::vector::{Vec3, dot, sub};
 
 /// A place is surely inside or outside where its winding number is so near to 1 or 0: a band of 0.3 around
 /// one half stays undecided.
@@ -15,21 +15,15 @@ const MOST_DOUBT: f64 = 0.35;
 /// As near to 1 or 0 it is anywhere: the clusters of the winding number.
 const LEAST_DOUBT: f64 = 0.02;
 
-/// The share of the points from which to the next the winding number changes less than the doubt takes.
-const DOUBT_QUANTILE: f64 = 0.75;
-
-/// The doubt over that change.
-const DOUBT_OVER_CHANGE: f64 = 2.0;
-
-/// So many points tell what the winding number is worth.
-const ASKED: usize = 2_000;
-
-/// The winding number of the surface itself: half way from outside to inside.
-const LEVEL: f64 = 0.5;
-
 /// How far from its nearest point a place of the surface may be, in local spacings: the largest gaps
 /// of a random sampling.
 const GAP: f64 = 2.0;
+
+/// Up to so many local spacings from an open sheet, its own winding number is what divides inside from outside.
+const BESIDE: f64 = 2.0;
+
+/// From so many on, it is that of a closed surface again.
+const AWAY: f64 = 6.0;
 
 /// Oriented points with what is needed to ask about places around them.
 pub struct OrientedSurface {
@@ -37,8 +31,10 @@ pub struct OrientedSurface {
     pub points: Vec<Vec3>,
     /// Outward unit normals.
     pub normals: Vec<Vec3>,
-    /// Local spacings.
+    /// Local spacings: those of the points that are worked with, which are even.
     pub spacings: Vec<f64>,
+    /// Number of the points that the orientation was worked out on: all, or an even subset of them.
+    pub even_points: usize,
     /// Where the normals come from.
     pub source: NormalSource,
     /// Standard deviation of the points from the surface.
@@ -48,6 +44,8 @@ pub struct OrientedSurface {
     pub confidence: f64,
     /// How far the winding number is unsure one spacing away from the points.
     doubt: f64,
+    /// The winding number of the surface at each point, where it is an open sheet.
+    levels: Option<Vec<f64>>,
     tree: Tree,
     winding: Winding,
 }
@@ -63,6 +61,23 @@ impl OrientedSurface {
         warnings: &mut Vec<Warning>,
     ) -> Self {
         let tree = Tree::new(&points);
+        let Some(chosen) = even_scale(&points, &tree, 0.0) else {
+            return Self::even(points, given, (neighbours, sparse), warnings);
+        };
+        let pick = |from: &[Vec3]| -> Vec<Vec3> { chosen.iter().map(|&i| from[i]).collect() };
+        let some = pick(&points);
+        let given = given.map(pick);
+        let even = Self::even(some, given.as_deref(), (neighbours, sparse), warnings);
+        even.extended_to(points, tree)
+    }
+
+    fn even(
+        points: Vec<Vec3>,
+        given: Option<&[Vec3]>,
+        (neighbours, sparse): (usize, bool),
+        warnings: &mut Vec<Warning>,
+    ) -> Self {
+        let tree = Tree::new(&points);
         let near = Neighbourhoods::new(&tree, &points, neighbours);
         let Normals {
             directions: normals,
@@ -71,33 +86,39 @@ impl OrientedSurface {
         } = normals(&points, given, &tree, &near, warnings);
         let spacings = near.spacings(&points);
         let areas = near.areas(&points, &normals, &spacings);
-        let winding = Winding::new(Oriented {
+        let oriented = Oriented {
             points: &points,
             normals: &normals,
             areas: &areas,
             spacings: &spacings,
-        });
-        let beside = |i: usize| {
-            [-1.0, 1.0].map(|side| winding.at(along(points[i], side * spacings[i], normals[i])))
         };
-        let asked: Vec<Asked> = (0..points.len())
-            .into_par_iter()
-            .step_by(points.len().div_ceil(ASKED))
-            .map(|i| Asked {
-                here: beside(i),
-                next: beside(near.of(i).next().unwrap_or(i)),
-            })
-            .collect();
+        let sides = Sides::new(oriented, &near);
         Self {
+            levels: sides.open().then(|| sides.levels(oriented)),
+            even_points: points.len(),
+            source,
+            noise,
+            confidence: sides.confidence(),
+            doubt: if sparse { f64::INFINITY } else { sides.doubt() },
+            tree,
+            winding: sides.winding,
             points,
             normals,
             spacings,
-            source,
-            noise,
-            confidence: confidence(&asked),
-            doubt: if sparse { f64::INFINITY } else { doubt(&asked) },
+        }
+    }
+
+    /// The same surface seen from all of `points`, over which `tree` was made.
+    fn extended_to(self, points: Vec<Vec3>, tree: Tree) -> Self {
+        let nearest: Vec<usize> = points.iter().map(|p| self.tree.nearest(*p).0).collect();
+        let of_nearest = |values: &[f64]| nearest.iter().map(|&i| values[i]).collect();
+        Self {
+            normals: shared(&points, &self.tree, &self.normals),
+            spacings: of_nearest(&self.spacings),
+            levels: self.levels.as_deref().map(of_nearest),
+            points,
             tree,
-            winding,
+            ..self
         }
     }
 
@@ -107,10 +128,10 @@ impl OrientedSurface {
     /// winding number is neither 0 nor 1, and the field shall find its own way there. The finer the
     /// sampling, and the farther away, the less else keeps it from either.
     pub fn inside(&self, q: Vec3) -> Option<bool> {
-        let winding = self.winding.at(q);
         let (i, distance) = self.tree.nearest(q);
         let away = (distance / self.spacings[i]).max(1.0);
         let doubt = (self.doubt / away).clamp(LEAST_DOUBT, MOST_DOUBT);
+        let winding = self.winding.at(q) + LEVEL - self.level(i, away);
         if winding > 1.0 - doubt {
             Some(true)
         } else if winding < doubt {
@@ -118,6 +139,14 @@ impl OrientedSurface {
         } else {
             None
         }
+    }
+
+    /// The winding number that divides inside from outside so many spacings away from point `i`.
+    fn level(&self, i: usize, away: f64) -> f64 {
+        let share = ((AWAY - away) / (AWAY - BESIDE)).clamp(0.0, 1.0);
+        self.levels
+            .as_ref()
+            .map_or(LEVEL, |levels| LEVEL + share * (levels[i] - LEVEL))
     }
 
     /// Index of the point nearest to `q`, and the distance of `q` to the surface there.
@@ -131,28 +160,4 @@ impl OrientedSurface {
         let least = (to_point * to_point - gap * gap).max(0.0);
         (i, to_plane.max(least.sqrt()))
     }
-}
-
-/// The winding number one local spacing inside and outside of a point, and of the one nearest to it.
-struct Asked {
-    here: [f64; 2],
-    next: [f64; 2],
-}
-
-/// How much the winding number changes from one point to the next, one spacing inside and outside them: what
-/// sampling, noise and wrong normals make of it. Holes change it slowly.
-fn doubt(asked: &[Asked]) -> f64 {
-    let mut changes: Vec<f64> = asked
-        .iter()
-        .flat_map(|Asked { here, next }| [0, 1].map(|side| (here[side] - next[side]).abs()))
-        .collect();
-    DOUBT_OVER_CHANGE * quantile(&mut changes, DOUBT_QUANTILE)
-}
-
-/// Share of the points at which the winding number has both sides where the normal says.
-fn confidence(asked: &[Asked]) -> f64 {
-    let borne_out = asked
-        .iter()
-        .filter(|asked| asked.here[0] > LEVEL && asked.here[1] < LEVEL);
-    borne_out.count() as f64 / asked.len() as f64
 }

@@ -71,7 +71,13 @@ pub fn prepare(
         ),
     );
     let share = validated.len() as f64 / split.trained.len() as f64;
-    let spacing = median_spacing(&trained);
+    // Of contours, the distance between the slices counts: that along them says nothing of the surface.
+    let spacing = median_spacing(&trained).max(
+        surface
+            .as_ref()
+            .filter(|surface| surface.even_points < surface.points.len())
+            .map_or(0.0, |surface| median(&mut surface.spacings.clone())),
+    );
     let uncertainty = surface.as_ref().map(|surface| Uncertainty {
         noise: surface.noise,
         spacing,
@@ -108,7 +114,9 @@ pub fn prepare(
             surface,
             grading: scene.grading,
             // Spacing goes with the square root of the number of points on a surface.
-            thinning: (scene.points.len() as f64 / split.trained.len() as f64).sqrt(),
+            thinning: (surface.even_points as f64 / split.trained.len() as f64)
+                .sqrt()
+                .max(1.0),
             sparse: scene.sparse,
         };
         let mut random = stream(settings.training.seed, Purpose::Sampling);

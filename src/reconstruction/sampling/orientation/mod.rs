@@ -5,15 +5,13 @@ mod contradiction;
 mod dipoles;
 mod spanning;
 
-use rayon::prelude::*;
-
 use super::jets::{Jets, WIDEST};
 use super::neighbours::{Neighbourhoods, Tree, median};
-use super::normals::{estimate, thickness};
+use super::normals::{estimate, shared, thickness};
 use super::selection::even_subset;
 use super::winding::Oriented;
 use crate::reconstruction::random::{Purpose, stream};
-use crate::reconstruction::vector::{Vec3, add, dot, normalized};
+use crate::reconstruction::vector::Vec3;
 use consistency::Consistent;
 use contradiction::contradiction;
 
@@ -30,9 +28,6 @@ const MANY: usize = 20_000;
 
 /// One of so many points is looked at then.
 const COARSENING: usize = 4;
-
-/// Nearest coarse points whose normals a point takes the mean of.
-const SHARED: usize = 8;
 
 /// Width of the kernel, in spacings, where there is no noise.
 const LEAST_WIDTH: f64 = 0.5;
@@ -112,20 +107,8 @@ fn coarser(points: &[Vec3], count: usize) -> Estimated {
     let some: Vec<Vec3> = chosen.into_iter().map(|i| points[i]).collect();
     let tree = Tree::new(&some);
     let coarse = orient(&some, &tree, &Neighbourhoods::new(&tree, &some, count));
-    let normals = points
-        .par_iter()
-        .map(|p| {
-            let near = tree.nearest_n(*p, SHARED);
-            let first = coarse.normals[near[0].0];
-            let same = near
-                .iter()
-                .map(|&(i, _)| coarse.normals[i])
-                .filter(|normal| dot(*normal, first) > 0.0);
-            normalized(same.fold([0.0; 3], add)).unwrap_or(first)
-        })
-        .collect();
     Estimated {
-        normals,
+        normals: shared(points, &tree, &coarse.normals),
         noise: coarse.noise,
     }
 }
