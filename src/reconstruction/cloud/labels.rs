@@ -1,0 +1,210 @@
+//! Whether labels mean what they can mean here: most columns of that name hold the class or the object
+//! that a point belongs to, and classes lie on the surface like all else.
+
+use super::Label;
+use crate::reconstruction::cholesky;
+use crate::reconstruction::sampling::neighbours::Tree;
+use crate::reconstruction::symmetric;
+use crate::reconstruction::vector::{Vec3, dot, sub};
+
+/// Fewest surface points around which a place can be judged; with fewer the labels are believed.
+const FEWEST: usize = 16;
+
+/// Points of a label that are looked at.
+const LOOKED_AT: usize = 300;
+
+/// Neighbours for a local fit: more than twice its six coefficients.
+const NEIGHBOURS: usize = 16;
+
+/// Distances to the surface points, in their median spacing, up to which a local fit tells whether a
+/// point lies on the surface.
+const NEAR: f64 = 2.0;
+
+/// Height over the local fit, in that of the surface points themselves, from which on a point is off
+/// the surface: fewer than one in twenty of them are so high.
+const OFF: f64 = 3.0;
+
+/// Why labels are not believed; `None` if they are.
+pub(super) fn doubt(points: &[Vec3], labels: &[Label]) -> Option<String> {
+    let of = |wanted: Label| -> Vec<Vec3> {
+        let labelled = points.iter().zip(labels);
+        let alike = labelled.filter(|(_, label)| **label == wanted);
+        alike.map(|(point, _)| *point).collect()
+    };
+    let surface = of(Label::Surface);
+    if surface.is_empty() {
+        return Some("no point has label 0, the surface".to_owned());
+    }
+    if surface.len() < FEWEST {
+        return None;
+    }
+    let judge = Judge::new(&surface);
+    for (label, name) in [(Label::Interior, "1"), (Label::Exterior, "-1")] {
+        let labelled = of(label);
+        let every = labelled.len().div_ceil(LOOKED_AT).max(1);
+        let looked_at: Vec<_> = labelled.iter().step_by(every).collect();
+        let off = |point: &&&Vec3| judge.is_off(***point, label);
+        if 2 * looked_at.iter().filter(off).count() < looked_at.len() {
+            let side = if label == Label::Interior { "inside" } else { "outside" };
+            return Some(format!("most points with label {name} do not lie {side}"));
+        }
+    }
+    None
+}
+
+/// Surface points, and how well they fit their own surface.
+struct Judge<'a> {
+    points: &'a [Vec3],
+    tree: Tree,
+    spacing: f64,
+    height: f64,
+}
+
+impl<'a> Judge<'a> {
+    fn new(points: &'a [Vec3]) -> Self {
+        let mut judge = Self {
+            points,
+            tree: Tree::new(points),
+            spacing: 0.0,
+            height: 0.0,
+        };
+        let every = points.len().div_ceil(LOOKED_AT);
+        let (mut spacings, mut heights) = (Vec::new(), Vec::new());
+        for &point in points.iter().step_by(every) {
+            // The point itself, and copies of it, tell nothing.
+            let around = judge.tree.nearest_n(point, NEIGHBOURS + 1);
+            let others: Vec<_> = around.into_iter().filter(|(_, d)| *d > 0.0).collect();
+            spacings.extend(others.first().map(|(_, distance)| *distance));
+            heights.extend(judge.height_of(point, &others));
+        }
+        judge.spacing = median(&mut spacings);
+        judge.height = median(&mut heights);
+        judge
+    }
+
+    /// Whether a point lies off the surface, and where its label says, as far as that can be seen.
+    fn is_off(&self, point: Vec3, label: Label) -> bool {
+        let around = self.tree.nearest_n(point, NEIGHBOURS);
+        let nearest = around.first().map_or(0.0, |(_, distance)| *distance);
+        if nearest <= NEAR * self.spacing {
+            let height = self.height_of(point, &around);
+            return height.is_some_and(|height| height > OFF * self.height);
+        }
+        label != Label::Interior || self.is_enclosed(point)
+    }
+
+    /// Whether there are surface points in every octant around a point.
+    fn is_enclosed(&self, point: Vec3) -> bool {
+        let mut octants = [false; 8];
+        for &other in self.points {
+            let [x, y, z] = sub(other, point).map(|v| usize::from(v > 0.0));
+            octants[4 * x + 2 * y + z] = true;
+        }
+        octants == [true; 8]
+    }
+
+    /// Distance of a point from the quadratic surface through its neighbours; `None` if there is none.
+    fn height_of(&self, point: Vec3, around: &[(usize, f64)]) -> Option<f64> {
+        let scale = around.last()?.1;
+        if scale <= 0.0 {
+            return None;
+        }
+        let arm = |i: usize| sub(self.points[i], point).map(|v| v / scale);
+        let arms: Vec<Vec3> = around.iter().map(|(i, _)| arm(*i)).collect();
+        let count = arms.len() as f64;
+        let mut mean = [0.0; 3];
+        for arm in &arms {
+            mean = std::array::from_fn(|i| mean[i] + arm[i] / count);
+        }
+        let mut covariance = [[0.0; 3]; 3];
+        for arm in &arms {
+            let d = sub(*arm, mean);
+            for (i, row) in covariance.iter_mut().enumerate() {
+                for (j, entry) in row.iter_mut().enumerate() {
+                    *entry += d[i] * d[j];
+                }
+            }
+        }
+        let (_, [normal, first, second]) = symmetric::eigen(covariance);
+        let (mut matrix, mut right) = ([0.0; 36], [0.0; 6]);
+        for arm in &arms {
+            let (u, v) = (dot(*arm, first), dot(*arm, second));
+            let terms = [1.0, u, v, u * u, u * v, v * v];
+            for (i, a) in terms.iter().enumerate() {
+                right[i] += a * dot(*arm, normal);
+                for (j, b) in terms.iter().enumerate() {
+                    matrix[6 * i + j] += a * b;
+                }
+            }
+        }
+        // At the point itself, only the constant counts.
+        cholesky::solve(&mut matrix, 6, &mut right)?;
+        Some(right[0].abs() * scale)
+    }
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points on a torus.
+    fn torus(count: usize) -> Vec<Vec3> {
+        let at = |i: usize| {
+            let (u, v) = (i as f64 * 2.399_963, i as f64 * 0.754_877 * std::f64::consts::TAU);
+            let ring = 1.0 + 0.35 * v.cos();
+            [ring * u.cos(), ring * u.sin(), 0.35 * v.sin()]
+        };
+        (0..count).map(at).collect()
+    }
+
+    fn labelled(points: &[Vec3], interior: impl Fn(usize, Vec3) -> bool) -> Vec<Label> {
+        let label = |(i, &p): (usize, &Vec3)| match interior(i, p) {
+            true => Label::Interior,
+            false => Label::Surface,
+        };
+        points.iter().enumerate().map(label).collect()
+    }
+
+    #[test]
+    fn classes_on_the_surface_are_doubted() {
+        let points = torus(1000);
+        let mixed = labelled(&points, |i, _| i * i % 7 < 3);
+        assert!(doubt(&points, &mixed).is_some());
+        let halves = labelled(&points, |_, p| p[0] > 0.1);
+        assert!(doubt(&points, &halves).is_some());
+        assert!(doubt(&points, &vec![Label::Interior; 1000]).is_some());
+        let noise: Vec<_> = (0..1000).map(|i| match i % 5 {
+            0 => Label::Exterior,
+            _ => Label::Surface,
+        }).collect();
+        assert!(doubt(&points, &noise).is_some());
+    }
+
+    #[test]
+    fn points_off_the_surface_are_believed() {
+        let surface = torus(1000);
+        for depth in [0.9, 0.5] {
+            // Points between the surface and the circle in its middle.
+            let inner = torus(97).into_iter().map(|[x, y, z]| {
+                let ring = x.hypot(y);
+                let middle = [x / ring, y / ring, 0.0];
+                std::array::from_fn(|i| middle[i] + depth * ([x, y, z][i] - middle[i]))
+            });
+            let points: Vec<Vec3> = surface.iter().copied().chain(inner).collect();
+            let labels = labelled(&points, |i, _| i >= 1000);
+            assert_eq!(doubt(&points, &labels), None, "{depth}");
+        }
+        let outer = surface.iter().map(|p| p.map(|v| 1.1 * v));
+        let points: Vec<Vec3> = surface.iter().copied().chain(outer).collect();
+        let labels: Vec<_> = (0..2000).map(|i| match i < 1000 {
+            true => Label::Surface,
+            false => Label::Exterior,
+        }).collect();
+        assert_eq!(doubt(&points, &labels), None);
+    }
+}
