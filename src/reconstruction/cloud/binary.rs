@@ -99,7 +99,11 @@ fn half(bits: u16) -> f64 {
         31 => f64::INFINITY,
         exponent => (1024.0 + fraction) * 2f64.powi(exponent - 25),
     };
-    if bits >> 15 == 1 { -magnitude } else { magnitude }
+    if bits >> 15 == 1 {
+        -magnitude
+    } else {
+        magnitude
+    }
 }
 
 /// Where the values of one slot of a [`super::collector::Row`] lie: the first at `start`, the next
@@ -171,7 +175,11 @@ mod tests {
             (0xfc00, f64::NEG_INFINITY),
         ] {
             let read = Scalar::F16.read(ByteOrder::Little, &bits.to_le_bytes());
-            assert_eq!(read.map(f64::to_bits), Some(f64::to_bits(value)), "{bits:04x}");
+            assert_eq!(
+                read.map(f64::to_bits),
+                Some(f64::to_bits(value)),
+                "{bits:04x}"
+            );
         }
         let nan = Scalar::F16.read(ByteOrder::Big, &[0x7e, 0]);
         assert!(nan.is_some_and(f64::is_nan));

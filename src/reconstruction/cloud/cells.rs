@@ -15,10 +15,11 @@ pub(super) enum Separator {
 
 impl Separator {
     /// The ways that tables are written in; of two that fit a file alike the first is taken.
-    pub(super) const OF_TABLES: [Self; 4] = [
+    pub(super) const OF_TABLES: [Self; 5] = [
         Self::Byte(b','),
         Self::Byte(b';'),
         Self::Byte(b'\t'),
+        Self::Byte(b'|'),
         Self::Blanks,
     ];
 }
@@ -47,8 +48,8 @@ impl Cell {
 
 /// Whether a cell says that there is no value.
 pub(super) fn is_missing(cell: &[u8]) -> bool {
-    const WORDS: [&str; 10] = [
-        "", "na", "n/a", "#n/a", "none", "null", "nil", "nodata", "-", "--",
+    const WORDS: [&str; 12] = [
+        "", "na", "n/a", "#n/a", "none", "null", "nil", "nodata", "-", "--", "?", "*",
     ];
     let is_word = |word: &&str| cell.eq_ignore_ascii_case(word.as_bytes());
     WORDS.iter().any(|word| is_word(&word))
@@ -142,8 +143,14 @@ mod tests {
         assert_eq!(cells("1, 2 ,,3,", comma), ["1", "2", "", "3", ""]);
         assert_eq!(cells("\"a, b\",'2', \"3\" # c", comma), ["a, b", "2", "3"]);
         assert_eq!(cells("1,#N/A,3 #4", comma), ["1", "#N/A", "3"]);
-        assert_eq!(cells("\t1\t\t3", Separator::Byte(b'\t')), ["", "1", "", "3"]);
-        assert_eq!(cells(" 1\t 2 \"a b\" # c", Separator::Blanks), ["1", "2", "a b"]);
+        assert_eq!(
+            cells("\t1\t\t3", Separator::Byte(b'\t')),
+            ["", "1", "", "3"]
+        );
+        assert_eq!(
+            cells(" 1\t 2 \"a b\" # c", Separator::Blanks),
+            ["1", "2", "a b"]
+        );
         assert_eq!(cells("\"open,1", comma), ["\"open", "1"]);
     }
 

@@ -93,7 +93,12 @@ impl<'a> Collector<'a> {
             if let Some(label) = Label::from_number(label) {
                 labels.push(label);
             } else {
-                self.doubt = Some(format!("value {label}, in line or record {line}, is none"));
+                let value = if label.is_nan() {
+                    "text or nothing".to_owned()
+                } else {
+                    label.to_string()
+                };
+                self.doubt = Some(format!("{value} in line or record {line} is none"));
                 self.cloud.labels = None;
             }
         }

@@ -132,10 +132,11 @@ impl Columns {
         let (mut found, mut ends_empty) = (0, false);
         for cell in Cells::of(line, separator) {
             if let Some(slot) = self.slot(found) {
-                row[slot] = if separator != Separator::Any && is_missing(cell) {
-                    f64::NAN
-                } else {
-                    line.number(cell)?
+                row[slot] = match line.number(cell) {
+                    // Labels may be words: then they are names of classes.
+                    Err(_) if slot == 6 => f64::NAN,
+                    Err(_) if separator != Separator::Any && is_missing(cell) => f64::NAN,
+                    value => value?,
                 };
             }
             found += 1;
@@ -147,6 +148,8 @@ impl Columns {
             return Ok(row);
         }
         let text = excerpt(line.bytes);
-        Err(line.error(format!("expected {width} values, found {found} in \"{text}\"")))
+        Err(line.error(format!(
+            "expected {width} values, found {found} in \"{text}\""
+        )))
     }
 }

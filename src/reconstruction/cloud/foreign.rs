@@ -22,7 +22,7 @@ const IMAGES: &str = "it is an image, not points: segment it and save the surfac
                       instance with 3D Slicer";
 const PACKED: &str = "unpack it and give the file inside, which may be gzipped";
 const TABLES: &str = "save the sheet as CSV with columns x, y, z";
-const ARRAYS: &str = "save the points as an array [n, 3] in an NPY file";
+const ARRAYS: &str = "extract the points and save them as an array [n, 3] in an NPY file";
 
 /// Marks of bytes.
 const FOREIGN: &[Foreign] = &[
@@ -33,8 +33,16 @@ const FOREIGN: &[Foreign] = &[
     foreign("a USD file", b"PXR-USDC", MESHES),
     foreign("a USD file", b"#usda", MESHES),
     foreign("a Draco file", b"DRACO", MESHES),
-    foreign("a STEP file", b"ISO-10303-21", "mesh it and export it as STL, for instance with FreeCAD"),
-    foreign("a legacy VTK file", b"# vtk DataFile", "save it as PLY, for instance with ParaView"),
+    foreign(
+        "a STEP file",
+        b"ISO-10303-21",
+        "mesh it and export it as STL, for instance with FreeCAD",
+    ),
+    foreign(
+        "a legacy VTK file",
+        b"# vtk DataFile",
+        "save it as PLY, for instance with ParaView",
+    ),
     foreign("an NRRD image", b"NRRD", IMAGES),
     Foreign {
         name: "a DICOM image",
@@ -53,25 +61,57 @@ const FOREIGN: &[Foreign] = &[
     foreign("a Zstandard file", b"\x28\xb5\x2f\xfd", PACKED),
     foreign("an HDF5 file", b"\x89HDF", ARRAYS),
     foreign("a MATLAB file", b"MATLAB 5.0", ARRAYS),
-    foreign("a Parquet file", b"PAR1", "save the table as CSV with columns x, y, z"),
+    foreign(
+        "a Parquet file",
+        b"PAR1",
+        "save the table as CSV with columns x, y, z",
+    ),
     foreign("an old Excel file", b"\xd0\xcf\x11\xe0", TABLES),
     foreign("a PNG image", b"\x89PNG", IMAGES),
     foreign("a JPEG image", b"\xff\xd8\xff", IMAGES),
     foreign("a TIFF image", b"II*\0", IMAGES),
     foreign("a TIFF image", b"MM\0*", IMAGES),
-    foreign("a PDF file", b"%PDF", "export the points as PLY or CSV from the program that made it"),
-    foreign("a Gmsh file", b"$MeshFormat", "export it as PLY or STL with Gmsh"),
-    foreign("a Surfer grid", b"DSAA", "save it as XYZ text, for instance with gdal_translate"),
+    foreign(
+        "a PDF file",
+        b"%PDF",
+        "export the points as PLY or CSV from the program that made it",
+    ),
+    foreign(
+        "a Gmsh file",
+        b"$MeshFormat",
+        "export it as PLY or STL with Gmsh",
+    ),
+    foreign(
+        "a Surfer grid",
+        b"DSAA",
+        "save it as XYZ text, for instance with gdal_translate",
+    ),
 ];
 
 /// Words that begin a text, in small letters.
 const TEXTS: &[Foreign] = &[
-    foreign("VTK XML data (VTP, VTU)", b"<vtkfile", "save it as PLY, for instance with ParaView"),
+    foreign(
+        "VTK XML data (VTP, VTU)",
+        b"<vtkfile",
+        "save it as PLY, for instance with ParaView",
+    ),
     foreign("a COLLADA file", b"<collada", MESHES),
     foreign("an X3D file", b"<x3d", MESHES),
-    foreign("a web page", b"<html", "download the file itself, and save it as PLY or XYZ"),
-    foreign("a web page", b"<!doctype html", "download the file itself, and save it as PLY or XYZ"),
-    foreign("an ESRI raster", b"ncols", "save it as XYZ text, for instance with gdal_translate"),
+    foreign(
+        "a web page",
+        b"<html",
+        "download the file itself, and save it as PLY or XYZ",
+    ),
+    foreign(
+        "a web page",
+        b"<!doctype html",
+        "download the file itself, and save it as PLY or XYZ",
+    ),
+    foreign(
+        "an ESRI raster",
+        b"ncols",
+        "save it as XYZ text, for instance with gdal_translate",
+    ),
     foreign("a VRML file", b"#vrml", MESHES),
     foreign("an image header (MetaImage)", b"objecttype = image", IMAGES),
     foreign("an image header (MetaImage)", b"ndims", IMAGES),
@@ -83,7 +123,8 @@ const TEXTS: &[Foreign] = &[
     foreign("a Nastran deck", b"begin bulk", DECKS),
 ];
 
-const DECKS: &str = "export its surface as STL or PLY, or save the coordinates of the nodes alone as x y z";
+const DECKS: &str =
+    "export its surface as STL or PLY, or save the coordinates of the nodes alone as x y z";
 
 /// What is said of a file of a known format that is not read; `None` for all other files.
 pub(super) fn refusal(bytes: &[u8]) -> Option<String> {
@@ -118,7 +159,14 @@ fn by_structure(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
         let is_packed = bytes.get(104).is_some_and(|format| format & 0xc0 != 0);
         let advice = "convert it to PLY, for instance with PDAL (pdal translate in.las out.ply) or \
                       CloudCompare";
-        return Some((if is_packed { "a LAZ file" } else { "a LAS file" }, advice));
+        return Some((
+            if is_packed {
+                "a LAZ file"
+            } else {
+                "a LAS file"
+            },
+            advice,
+        ));
     }
     if bytes.starts_with(b"PK\x03\x04") || bytes.starts_with(b"PK\x05\x06") {
         let head = &bytes[..bytes.len().min(4096)];
@@ -133,10 +181,17 @@ fn by_structure(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
     let size = bytes.first_chunk().map(|size| u32::from_le_bytes(*size));
     let sizes = [348, 540];
     let swapped = size.map(u32::swap_bytes);
-    if [size, swapped].into_iter().flatten().any(|size| sizes.contains(&size)) {
+    if [size, swapped]
+        .into_iter()
+        .flatten()
+        .any(|size| sizes.contains(&size))
+    {
         let magic = bytes.get(344..348).unwrap_or_default();
         let second = bytes.get(4..7).unwrap_or_default();
-        if [magic, second].iter().any(|mark| mark.starts_with(b"n+") || mark.starts_with(b"ni")) {
+        if [magic, second]
+            .iter()
+            .any(|mark| mark.starts_with(b"n+") || mark.starts_with(b"ni"))
+        {
             return Some(("a NIfTI image", IMAGES));
         }
     }
@@ -153,10 +208,14 @@ fn by_json(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
     let holds = |name: &[u8]| head.windows(name.len()).any(|window| window == name);
     Some(match () {
         () if holds(b"\"asset\"") => ("a glTF file", MESHES),
-        () if holds(b"\"markups\"") => {
-            ("a markups file of 3D Slicer", "export the table of its control points as CSV")
-        }
-        () => ("a JSON file", "save the points as CSV with columns x, y, z, or as PLY"),
+        () if holds(b"\"markups\"") => (
+            "a markups file of 3D Slicer",
+            "export the table of its control points as CSV",
+        ),
+        () => (
+            "a JSON file",
+            "save the points as CSV with columns x, y, z, or as PLY",
+        ),
     })
 }
 

@@ -108,7 +108,7 @@ impl Format {
         let line = Lines::new(head, 0).content().next()?;
         match line.tokens().next()? {
             _ if super::stl::starts_as_text(line.bytes) && has_facet(head) => Some(Self::Stl),
-            b"VERSION" | b"FIELDS" => Some(Self::Pcd),
+            b"VERSION" | b"FIELDS" | b"version" | b"fields" => Some(Self::Pcd),
             b"v" | b"vn" | b"vt" | b"vp" | b"o" | b"g" | b"s" | b"mtllib" | b"usemtl" => {
                 Some(Self::Obj)
             }

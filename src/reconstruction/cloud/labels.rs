@@ -45,7 +45,11 @@ pub(super) fn doubt(points: &[Vec3], labels: &[Label]) -> Option<String> {
         let looked_at: Vec<_> = labelled.iter().step_by(every).collect();
         let off = |point: &&&Vec3| judge.is_off(***point, label);
         if 2 * looked_at.iter().filter(off).count() < looked_at.len() {
-            let side = if label == Label::Interior { "inside" } else { "outside" };
+            let side = if label == Label::Interior {
+                "inside"
+            } else {
+                "outside"
+            };
             return Some(format!("most points with label {name} do not lie {side}"));
         }
     }
@@ -99,8 +103,11 @@ impl<'a> Judge<'a> {
         for &other in self.points {
             let [x, y, z] = sub(other, point).map(|v| usize::from(v > 0.0));
             octants[4 * x + 2 * y + z] = true;
+            if octants == [true; 8] {
+                return true;
+            }
         }
-        octants == [true; 8]
+        false
     }
 
     /// Distance of a point from the quadratic surface through its neighbours; `None` if there is none.
@@ -155,7 +162,10 @@ mod tests {
     /// Points on a torus.
     fn torus(count: usize) -> Vec<Vec3> {
         let at = |i: usize| {
-            let (u, v) = (i as f64 * 2.399_963, i as f64 * 0.754_877 * std::f64::consts::TAU);
+            let (u, v) = (
+                i as f64 * 2.399_963,
+                i as f64 * 0.754_877 * std::f64::consts::TAU,
+            );
             let ring = 1.0 + 0.35 * v.cos();
             [ring * u.cos(), ring * u.sin(), 0.35 * v.sin()]
         };
@@ -178,10 +188,12 @@ mod tests {
         let halves = labelled(&points, |_, p| p[0] > 0.1);
         assert!(doubt(&points, &halves).is_some());
         assert!(doubt(&points, &vec![Label::Interior; 1000]).is_some());
-        let noise: Vec<_> = (0..1000).map(|i| match i % 5 {
-            0 => Label::Exterior,
-            _ => Label::Surface,
-        }).collect();
+        let noise: Vec<_> = (0..1000)
+            .map(|i| match i % 5 {
+                0 => Label::Exterior,
+                _ => Label::Surface,
+            })
+            .collect();
         assert!(doubt(&points, &noise).is_some());
     }
 
@@ -201,10 +213,12 @@ mod tests {
         }
         let outer = surface.iter().map(|p| p.map(|v| 1.1 * v));
         let points: Vec<Vec3> = surface.iter().copied().chain(outer).collect();
-        let labels: Vec<_> = (0..2000).map(|i| match i < 1000 {
-            true => Label::Surface,
-            false => Label::Exterior,
-        }).collect();
+        let labels: Vec<_> = (0..2000)
+            .map(|i| match i < 1000 {
+                true => Label::Surface,
+                false => Label::Exterior,
+            })
+            .collect();
         assert_eq!(doubt(&points, &labels), None);
     }
 }

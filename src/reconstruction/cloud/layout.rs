@@ -16,6 +16,8 @@ pub(super) struct Layout<'a> {
     pub(super) separator: Separator,
     /// Cells of a row.
     pub(super) width: usize,
+    /// Whether all rows looked at end in one more cell, an empty one.
+    open: bool,
     /// The columns, if a line names them.
     pub(super) columns: Option<Columns>,
     /// A line of names that name no coordinates.
@@ -95,9 +97,13 @@ fn row(line: Line<'_>, separator: Separator) -> Option<(usize, usize, bool)> {
     (numbers > 0 && places >= 3).then_some((cells, missing, open))
 }
 
-/// A row without the brackets around it, as programs print arrays.
+/// A row without the brackets around it, as programs print arrays; a line of brackets only is empty.
 pub(super) fn unbracketed(line: Line<'_>) -> Line<'_> {
     let mut bytes = line.bytes;
+    if bytes.iter().all(|b| b"[](){},; \t".contains(b)) && bytes.iter().any(|b| b"])}".contains(b))
+    {
+        return Line { bytes: b"", ..line };
+    }
     if !bytes.starts_with(b"[") && !bytes.starts_with(b"(") && !bytes.starts_with(b"{") {
         return line;
     }
@@ -123,9 +129,15 @@ impl<'a> Layout<'a> {
             looked_at = &looked_at[..end];
         }
         let lines = || Lines::new(looked_at, 0).with_tabs().take(LOOK_LINES);
-        let content: Vec<_> = lines().filter(|line| !line.is_blank()).map(unbracketed).collect();
+        let content: Vec<_> = lines()
+            .map(unbracketed)
+            .filter(|line| !line.is_blank())
+            .collect();
         let mut shape: Option<Shape> = None;
-        for found in Separator::OF_TABLES.iter().filter_map(|&by| Shape::of(&content, by)) {
+        for found in Separator::OF_TABLES
+            .iter()
+            .filter_map(|&by| Shape::of(&content, by))
+        {
             let better = |best: &Shape| {
                 found.rows > best.rows || found.rows == best.rows && found.missing < best.missing
             };
@@ -142,13 +154,19 @@ impl<'a> Layout<'a> {
         let mut layout = Self {
             separator: shape.separator,
             width: shape.width(),
+            open: shape.width() < shape.cells,
             columns: None,
             unknown_names: None,
             declared: None,
             skipped: Vec::new(),
             rows: Lines::new(text, 0).with_tabs(),
         };
-        while layout.rows.clone().next().is_some_and(|line| line.number < first) {
+        while layout
+            .rows
+            .clone()
+            .next()
+            .is_some_and(|line| line.number < first)
+        {
             layout.rows.next();
         }
         let above: Vec<_> = lines().take_while(|line| line.number < first).collect();
@@ -171,6 +189,7 @@ impl<'a> Layout<'a> {
             if self.columns.is_none() {
                 match self.names(line) {
                     Found::Columns(columns) => {
+                        self.width = columns.width();
                         self.columns = Some(columns);
                         continue;
                     }
@@ -254,10 +273,14 @@ impl<'a> Layout<'a> {
                 if cells.len() == self.width + 1 && cells.last().is_some_and(|c| c.is_empty()) {
                     cells.pop();
                 }
-                let Some(columns) = Columns::named(cells.iter().copied()) else {
+                let is_number = |cell: &&[u8]| matches!(Cell::of(cell), Cell::Number(_));
+                let columns = Columns::named(cells.iter().copied());
+                let Some(columns) = columns.filter(|_| !cells.iter().any(is_number)) else {
                     continue;
                 };
-                if columns.width() == self.width {
+                // The last column may have a name, but no values.
+                let is_open = self.open && columns.width() == self.width + 1;
+                if columns.width() == self.width || is_open {
                     return Found::Columns(columns);
                 }
                 // Tables of R leave out the name of the first column, the names of the rows.
@@ -323,16 +346,27 @@ fn no_rows(content: &[Line<'_>]) -> Error {
     let Some(&first) = content.first() else {
         return Error::Empty;
     };
-    let separators = [Separator::Byte(b';'), Separator::Byte(b'\t'), Separator::Blanks];
+    let separators = [
+        Separator::Byte(b';'),
+        Separator::Byte(b'\t'),
+        Separator::Blanks,
+    ];
     for &line in content {
-        let cells = |by| Cells::of(line, by).filter(|cell| has_decimal_comma(cell)).count();
+        let cells = |by| {
+            Cells::of(line, by)
+                .filter(|cell| has_decimal_comma(cell))
+                .count()
+        };
         if separators.into_iter().any(|by| cells(by) >= 2) {
             let detail =
                 "values are parted in several ways; write decimal points, not decimal commas";
             return line.error(detail);
         }
     }
-    let numbers = |line: &Line<'_>| line.tokens().any(|token| matches!(Cell::of(token), Cell::Number(_)));
+    let numbers = |line: &Line<'_>| {
+        line.tokens()
+            .any(|token| matches!(Cell::of(token), Cell::Number(_)))
+    };
     match content.iter().find(|line| numbers(line)) {
         None if Columns::named(first.tokens()).is_some() => Error::Empty,
         None => first.error(format!(
@@ -343,10 +377,9 @@ fn no_rows(content: &[Line<'_>]) -> Error {
             let width = line.tokens().count();
             let is_number = |token: &&[u8]| matches!(Cell::of(token), Cell::Number(_));
             match line.tokens().find(|token| !is_number(token)) {
-                Some(token) => line.error(format!(
-                    "expected a number, found \"{}\"",
-                    excerpt(token)
-                )),
+                Some(token) => {
+                    line.error(format!("expected a number, found \"{}\"", excerpt(token)))
+                }
                 None => Error::NoCoordinates(format!(
                     "expected at least 3 columns (x, y, z), found {width}"
                 )),

@@ -1,11 +1,38 @@
 //! What the names of columns mean, however programs spell them: `X`, `pos_x`, `Points:0`, `X (mm)`,
 //! `Easting`, `NormalX`.
 
+use std::collections::HashMap;
+
 /// Words that may stand before or behind the axis in the name of a coordinate.
 const PLACES: &[&str] = &[
-    "point", "points", "pos", "position", "positions", "coord", "coords", "coordinate",
-    "coordinates", "loc", "location", "vertex", "vertices", "node", "nodes", "center", "centre",
-    "centroid", "world", "global", "local", "cartesian", "xyz", "utm", "map", "grid", "axis", "p",
+    "point",
+    "points",
+    "pos",
+    "position",
+    "positions",
+    "coord",
+    "coords",
+    "coordinate",
+    "coordinates",
+    "loc",
+    "location",
+    "vertex",
+    "vertices",
+    "node",
+    "nodes",
+    "center",
+    "centre",
+    "centroid",
+    "world",
+    "global",
+    "local",
+    "cartesian",
+    "xyz",
+    "utm",
+    "map",
+    "grid",
+    "axis",
+    "p",
 ];
 
 /// Words for a normal.
@@ -13,16 +40,110 @@ const NORMALS: &[&str] = &["n", "normal", "normals", "norm", "nrm", "nor"];
 
 /// Words of surveyors for the axes, in the order x, y, z.
 const SURVEY: [&[&str]; 3] = [
-    &["easting", "eastings", "east", "e", "rechtswert", "rechts", "este", "est"],
-    &["northing", "northings", "north", "n", "hochwert", "hoch", "norte", "nord"],
     &[
-        "elevation", "elev", "height", "hgt", "altitude", "alt", "up", "h", "hoehe", "höhe",
+        "easting",
+        "eastings",
+        "east",
+        "e",
+        "rechtswert",
+        "rechts",
+        "este",
+        "est",
+    ],
+    &[
+        "northing",
+        "northings",
+        "north",
+        "n",
+        "hochwert",
+        "hoch",
+        "norte",
+        "nord",
+    ],
+    &[
+        "elevation",
+        "elev",
+        "height",
+        "hgt",
+        "altitude",
+        "alt",
+        "up",
+        "h",
+        "hoehe",
+        "höhe",
     ],
 ];
 
 /// Letters that name axes only together: east, north, up; and the axes of anatomy, which are right or
 /// left, anterior or posterior, superior, where one triple is the other turned by half a circle.
 const TRIPLES: [[&str; 3]; 3] = [["e", "n", "u"], ["r", "a", "s"], ["l", "p", "s"]];
+
+/// Words for vectors that are neither places nor normals.
+const VECTORS: &[&str] = &[
+    "v",
+    "vel",
+    "velocity",
+    "velocities",
+    "speed",
+    "u",
+    "w",
+    "f",
+    "force",
+    "forces",
+    "a",
+    "acc",
+    "acceleration",
+    "rot",
+    "rotation",
+    "r",
+    "q",
+    "quat",
+    "quaternion",
+    "orientation",
+    "euler",
+    "angle",
+    "angular",
+    "gyro",
+    "color",
+    "colour",
+    "rgb",
+    "dir",
+    "direction",
+    "ray",
+    "beam",
+    "view",
+    "grad",
+    "gradient",
+    "scale",
+    "sigma",
+    "std",
+    "err",
+    "error",
+    "d",
+    "delta",
+    "disp",
+    "displacement",
+    "offset",
+    "size",
+    "moment",
+    "momentum",
+    "flow",
+    "mag",
+    "magnetic",
+    "b",
+    "tangent",
+    "t",
+    "tex",
+    "texture",
+    "uv",
+    "vorticity",
+    "stress",
+    "strain",
+    "m",
+    "index",
+    "idx",
+    "i",
+];
 
 /// Words for degrees on the globe.
 const DEGREES: &[&str] = &["lat", "latitude", "lon", "long", "lng", "longitude"];
@@ -54,117 +175,189 @@ impl Names {
     /// Reads the names of columns; of two alike the first counts.
     pub(super) fn of<'a>(names: impl IntoIterator<Item = &'a [u8]>) -> Self {
         let names: Vec<Vec<String>> = names.into_iter().map(words).collect();
-        let columns: Vec<Option<Column>> = names.iter().map(|words| column(words)).collect();
-        let first = |wanted: &Column| columns.iter().position(|c| c.as_ref() == Some(wanted));
-        let place = |stem: &str| {
-            let axis = |axis| first(&Column::Place(stem.to_owned(), axis));
+        let mut table = Table::default();
+        for (i, words) in names.iter().enumerate() {
+            table.add(words, i);
+        }
+        let places = table.triples(Kind::Place);
+        let unknown = table.triples(Kind::Unknown);
+        let guess = unknown.first().copied();
+        let known = places
+            .first()
+            .copied()
+            .or_else(|| table.mixed())
+            .or_else(|| table.lettered());
+        let find = |name: &[&str]| names.iter().position(|words| words.as_slice() == name);
+        Self {
+            point: known.or_else(|| guess.filter(|_| unknown.len() == 1)),
+            normal: table.normal(),
+            label: find(&["label"]).or_else(|| find(&["scalar", "label"])),
+            rival: places.len() > 1 || known.is_none() && guess.is_some(),
+            any_axis: table.stems.iter().any(|(kind, _)| *kind == Kind::Place)
+                || names.iter().any(|words| is_surveyed(words)),
+            degrees: names
+                .iter()
+                .flatten()
+                .any(|word| DEGREES.contains(&word.as_str())),
+        }
+    }
+}
+
+/// What a column with an axis in its name is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Kind {
+    Place,
+    Normal,
+    /// Other words beside the axis: perhaps a place.
+    Unknown,
+}
+
+/// The first column of each name.
+#[derive(Debug, Default)]
+struct Table {
+    /// Words beside the axis, in the order of the columns.
+    stems: Vec<(Kind, String)>,
+    /// By words beside the axis, and axis.
+    axes: HashMap<(Kind, String, usize), usize>,
+    /// By single words, those for places aside.
+    words: HashMap<String, usize>,
+}
+
+impl Table {
+    fn add(&mut self, words: &[String], column: usize) {
+        let others = || words.iter().filter(|word| !PLACES.contains(&word.as_str()));
+        if let (Some(word), 1) = (others().next(), others().count()) {
+            self.words.entry(word.clone()).or_insert(column);
+        } else if let [word] = words {
+            self.words.entry(word.clone()).or_insert(column);
+        }
+        let Some((kind, stem, axis)) = classify(words) else {
+            return;
+        };
+        let key = (kind, stem.clone(), axis);
+        if !(0..3).any(|axis| self.axes.contains_key(&(kind, stem.clone(), axis))) {
+            self.stems.push((kind, stem));
+        }
+        self.axes.entry(key).or_insert(column);
+    }
+
+    fn axis(&self, kind: Kind, stem: &str, axis: usize) -> Option<usize> {
+        self.axes.get(&(kind, stem.to_owned(), axis)).copied()
+    }
+
+    fn stems(&self, wanted: Kind) -> impl Iterator<Item = &str> + Clone {
+        let of_kind = self.stems.iter().filter(move |(kind, _)| *kind == wanted);
+        of_kind.map(|(_, stem)| stem.as_str())
+    }
+
+    /// Columns of the same words for all three axes; bare x, y, z first.
+    fn triples(&self, kind: Kind) -> Vec<[usize; 3]> {
+        let triple = |stem: &str| {
+            let axis = |axis| self.axis(kind, stem, axis);
             Some([axis(0)?, axis(1)?, axis(2)?])
         };
-        let mut stems: Vec<&str> = vec![""];
-        for column in columns.iter().flatten() {
-            if let Column::Place(stem, _) = column
-                && !stems.contains(&stem.as_str())
-            {
-                stems.push(stem);
-            }
-        }
-        let mut places = stems.iter().filter_map(|stem| place(stem));
-        let point = places.next();
-        let rival = places.next().is_some();
-        let normal_stem = columns.iter().flatten().find_map(|column| match column {
-            Column::Normal(stem, _) => Some(stem.clone()),
-            _ => None,
-        });
-        let normal = |axis| first(&Column::Normal(normal_stem.clone()?, axis));
-        let is = |words: &Vec<String>, name: &str| words.as_slice() == [name];
-        let is_degrees = |words: &Vec<String>| words.iter().any(|w| DEGREES.contains(&w.as_str()));
-        Self {
-            point: point.or_else(|| surveyed(&names)).or_else(|| lettered(&names)),
-            normal: [normal(0), normal(1), normal(2)],
-            label: names
-                .iter()
-                .position(|words| is(words, "label") || words.as_slice() == ["scalar", "label"]),
-            rival,
-            any_axis: columns.iter().flatten().any(|c| matches!(c, Column::Place(..)))
-                || names.iter().any(|words| {
-                    let long = |word: &&str| word.len() > 3 && is(words, word);
-                    SURVEY.iter().any(|known| known.iter().any(|word| long(&word)))
-                }),
-            degrees: names.iter().any(is_degrees),
-        }
+        let bare = self.stems(kind).filter(|stem| stem.is_empty());
+        let others = self.stems(kind).filter(|stem| !stem.is_empty());
+        bare.chain(others).filter_map(triple).collect()
+    }
+
+    /// Components of normals, of the words that come first.
+    fn normal(&self) -> [Option<usize>; 3] {
+        let stem = self.stems(Kind::Normal).next().unwrap_or_default();
+        [0, 1, 2].map(|axis| self.axis(Kind::Normal, stem, axis))
+    }
+
+    /// An axis each by any words for it, also those of surveyors.
+    fn mixed(&self) -> Option<[usize; 3]> {
+        let axis = |axis: usize| {
+            let mut places = self.stems(Kind::Place);
+            let place = places.find_map(|stem| self.axis(Kind::Place, stem, axis));
+            let mut words = SURVEY[axis].iter();
+            place.or_else(|| words.find_map(|word| self.words.get(*word).copied()))
+        };
+        Some([axis(0)?, axis(1)?, axis(2)?])
+    }
+
+    fn lettered(&self) -> Option<[usize; 3]> {
+        let find = |letter: &str| self.words.get(letter).copied();
+        let mut triples = TRIPLES.iter();
+        triples.find_map(|[a, b, c]| Some([find(a)?, find(b)?, find(c)?]))
     }
 }
 
-/// A column of one axis: a group of columns with the same words belongs together.
-#[derive(Debug, Clone, PartialEq, Eq)]
-enum Column {
-    Place(String, usize),
-    Normal(String, usize),
-}
-
-fn column(words: &[String]) -> Option<Column> {
-    let (stem, axis) = split(words)?;
-    let known = |list: &[&str], word: &String| list.contains(&word.as_str());
-    if stem.iter().all(|word| known(PLACES, word)) {
-        return Some(Column::Place(stem.join(" "), axis));
-    }
-    let others_are_places = stem
+/// Whether a name is a whole word of surveyors, not only a letter of theirs.
+fn is_surveyed(words: &[String]) -> bool {
+    let known = |word: &&&str| word.len() > 3 && words == [**word];
+    SURVEY
         .iter()
-        .all(|word| known(NORMALS, word) || known(PLACES, word) || word == "scalar");
-    others_are_places.then(|| Column::Normal(stem.join(" "), axis))
+        .any(|axis| axis.iter().any(|word| known(&word)))
 }
 
-/// The axis that a name begins or ends with, and its other words.
-fn split(words: &[String]) -> Option<(Vec<String>, usize)> {
+/// What a column is, the words beside its axis, and the axis.
+fn classify(words: &[String]) -> Option<(Kind, String, usize)> {
+    let (stem, axis, is_letter) = split(words)?;
+    let among = |list: &[&str], word: &String| list.contains(&word.as_str());
+    let is_beside = |word: &String| among(PLACES, word) || word == "scalar";
+    let kind = if stem.iter().all(|word| among(PLACES, word)) {
+        Kind::Place
+    } else if stem
+        .iter()
+        .all(|word| among(NORMALS, word) || is_beside(word))
+    {
+        Kind::Normal
+    } else if is_letter && !stem.iter().any(|word| among(VECTORS, word)) {
+        Kind::Unknown
+    } else {
+        return None;
+    };
+    Some((kind, stem.join(" "), axis))
+}
+
+/// The other words of a name that begins or ends with an axis, the axis, and whether it is a letter.
+fn split(words: &[String]) -> Option<(Vec<String>, usize, bool)> {
     let axis = |word: &str| ["x", "y", "z"].iter().position(|axis| *axis == word);
     let digit = |word: &str| ["0", "1", "2"].iter().position(|axis| *axis == word);
     match words {
         [only] => {
             if let Some(axis) = axis(only) {
-                return Some((Vec::new(), axis));
+                return Some((Vec::new(), axis, true));
             }
             // One word, as in nx, posx, xcoord.
-            let is_known = |stem: &&str| PLACES.contains(stem) || NORMALS.contains(stem);
             let end = only.char_indices().last()?.0;
             let start = only.chars().next()?.len_utf8();
+            let is_known = |stem: &str| PLACES.contains(&stem) || NORMALS.contains(&stem);
+            let behind = axis(&only[..start]).map(|axis| (&only[start..], axis));
             let before = axis(&only[end..]).map(|axis| (&only[..end], axis));
-            let behind = || axis(&only[..start]).map(|axis| (&only[start..], axis));
-            let found = before.filter(|(stem, _)| is_known(stem));
-            let found = found.or_else(|| behind().filter(|(stem, _)| is_known(stem)));
-            found.map(|(stem, axis)| (vec![stem.to_owned()], axis))
+            let found = match (before, behind) {
+                (Some((stem, axis)), _) if is_known(stem) => (stem, axis),
+                (_, Some(found)) => found,
+                (found, None) => found?,
+            };
+            Some((vec![found.0.to_owned()], found.1, true))
         }
-        [others @ .., last] if axis(last).is_some() => Some((others.to_vec(), axis(last)?)),
-        [first, others @ ..] if axis(first).is_some() => Some((others.to_vec(), axis(first)?)),
-        [others @ .., last] => Some((others.to_vec(), digit(last)?)),
+        [others @ .., last] if axis(last).is_some() => Some((others.to_vec(), axis(last)?, true)),
+        [first, others @ ..] if axis(first).is_some() => {
+            Some((others.to_vec(), axis(first)?, true))
+        }
+        [others @ .., last] => Some((others.to_vec(), digit(last)?, false)),
         [] => None,
     }
-}
-
-/// Columns of surveyors, alone or mixed with x, y, z.
-fn surveyed(names: &[Vec<String>]) -> Option<[usize; 3]> {
-    let find = |word: &str| names.iter().position(|words| words.as_slice() == [word]);
-    let axis = |plain: &str, known: &[&str]| {
-        find(plain).or_else(|| known.iter().find_map(|word| find(word)))
-    };
-    Some([
-        axis("x", SURVEY[0])?,
-        axis("y", SURVEY[1])?,
-        axis("z", SURVEY[2])?,
-    ])
-}
-
-fn lettered(names: &[Vec<String>]) -> Option<[usize; 3]> {
-    let find = |word: &str| names.iter().position(|words| words.as_slice() == [word]);
-    let mut triples = TRIPLES.iter();
-    triples.find_map(|[a, b, c]| Some([find(a)?, find(b)?, find(c)?]))
 }
 
 /// The words of a name in small letters, without the unit.
 fn words(name: &[u8]) -> Vec<String> {
     let name = String::from_utf8_lossy(name);
     let name = name.trim().trim_matches(['"', '\'']);
-    // A unit in brackets, or behind a slash.
-    let end = name.char_indices().skip(1).find(|(_, c)| "([{</".contains(*c));
+    // A unit in brackets, or behind a slash; but an axis in brackets is none.
+    let is_unit = |&(i, c): &(usize, char)| {
+        let inside = name[i + 1..].trim_end_matches([']', ')', '}', '>', ' ']);
+        "([{<,/".contains(c) && !matches!(inside, "0" | "1" | "2" | "x" | "y" | "z")
+    };
+    let end = name
+        .char_indices()
+        .skip(1)
+        .filter(|(_, c)| c.is_ascii())
+        .find(is_unit);
     let name = &name[..end.map_or(name.len(), |(i, _)| i)];
     let mut words = vec![String::new()];
     let mut before = ' ';
@@ -182,7 +375,11 @@ fn words(name: &[u8]) -> Vec<String> {
         before = c;
     }
     words.retain(|word| !word.is_empty());
-    if words.len() > 1 && words.last().is_some_and(|word| UNITS.contains(&word.as_str())) {
+    if words.len() > 1
+        && words
+            .last()
+            .is_some_and(|word| UNITS.contains(&word.as_str()))
+    {
         words.pop();
     }
     words
@@ -201,7 +398,10 @@ mod tests {
         for (header, point) in [
             ("z,y,X", [2, 1, 0]),
             ("id,pos_x,pos_y,pos_z", [1, 2, 3]),
-            ("Normals:0,Normals:1,Normals:2,Points:0,Points:1,Points:2", [3, 4, 5]),
+            (
+                "Normals:0,Normals:1,Normals:2,Points:0,Points:1,Points:2",
+                [3, 4, 5],
+            ),
             ("p,U_0,U_1,U_2,Points_0,Points_1,Points_2", [4, 5, 6]),
             ("X (mm),Y [mm],Z/mm", [0, 1, 2]),
             ("x_mm,y_mm,z_mm", [0, 1, 2]),
@@ -214,6 +414,12 @@ mod tests {
             ("label,l,p,s,defined", [1, 2, 3]),
             ("x,y,z,x,y,z", [0, 1, 2]),
             ("Points:0,x,Points:1,y,Points:2,z", [1, 3, 5]),
+            ("coords[0],coords[1],coords[2]", [0, 1, 2]),
+            ("X_UTM,Y_UTM,Z", [0, 1, 2]),
+            ("UTM_E,UTM_N,h (m)", [0, 1, 2]),
+            ("lidar_x,lidar_y,lidar_z,vx,vy,vz", [0, 1, 2]),
+            ("Xc,Yc,Zc", [0, 1, 2]),
+            ("X1,Y1,Z1", [0, 1, 2]),
         ] {
             assert_eq!(names(header).point, Some(point), "{header}");
         }
@@ -221,7 +427,14 @@ mod tests {
 
     #[test]
     fn other_triples_are_no_coordinates() {
-        for header in ["vx,vy,vz", "U:0,U:1,U:2", "rot_0,rot_1,rot_2", "x,y,x", "lat,lon,h", "nx,ny,nz"] {
+        for header in [
+            "vx,vy,vz",
+            "U:0,U:1,U:2",
+            "rot_0,rot_1,rot_2",
+            "x,y,x",
+            "lat,lon,h",
+            "nx,ny,nz",
+        ] {
             assert_eq!(names(header).point, None, "{header}");
         }
         assert!(names("x,y,w").any_axis);
@@ -231,9 +444,19 @@ mod tests {
 
     #[test]
     fn normals_and_labels_are_found() {
-        for header in ["nx,ny,nz", "Normal_X,Normal_Y,Normal_Z", "NormalX,NormalY,NormalZ",
-            "Normals:0,Normals:1,Normals:2", "Nx,Ny,Nz", "scalar_nx,scalar_ny,scalar_nz"] {
-            assert_eq!(names(header).normal, [Some(0), Some(1), Some(2)], "{header}");
+        for header in [
+            "nx,ny,nz",
+            "Normal_X,Normal_Y,Normal_Z",
+            "NormalX,NormalY,NormalZ",
+            "Normals:0,Normals:1,Normals:2",
+            "Nx,Ny,Nz",
+            "scalar_nx,scalar_ny,scalar_nz",
+        ] {
+            assert_eq!(
+                names(header).normal,
+                [Some(0), Some(1), Some(2)],
+                "{header}"
+            );
         }
         assert_eq!(names("x,y,z,nx").normal, [Some(3), None, None]);
         assert_eq!(names("x,y,z,Label").label, Some(3));

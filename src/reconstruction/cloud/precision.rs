@@ -29,7 +29,8 @@ pub(super) fn warning(points: &[Vec3]) -> Option<Warning> {
     let explained = |&i: &usize| axes[i].digits.is_some() && !shares_a_grid(i, &axes, &some);
     let coarsest = (0..3).filter(explained).map(|i| &axes[i]);
     let coarsest = coarsest.max_by(|a, b| a.step.total_cmp(&b.step))?;
-    let spacing = spacing(points)?;
+    // Of every n-th point of a surface, the neighbours are √n times as far away.
+    let spacing = spacing(&some)? / (every as f64).sqrt();
     if coarsest.step <= COARSE * spacing {
         return None;
     }
@@ -92,7 +93,10 @@ fn alike(a: f64, b: f64) -> bool {
 fn is_single(value: f64) -> bool {
     let single = value as f32;
     f64::from(single).to_bits() == value.to_bits()
-        || single.to_string().parse().is_ok_and(|spelled: f64| spelled.to_bits() == value.to_bits())
+        || single
+            .to_string()
+            .parse()
+            .is_ok_and(|spelled: f64| spelled.to_bits() == value.to_bits())
 }
 
 /// Whether an axis belongs to a grid of pixels or voxels, so that its step is not a matter of digits:
@@ -111,16 +115,13 @@ fn shares_a_grid(axis: usize, axes: &[Axis; 3], points: &[Vec3]) -> bool {
         .any(|other| axes[other].digits.is_none() || is_raster(other))
 }
 
-/// Median distance between neighbours; `None` where all points are one.
+/// Median distance between neighbours; `None` with less than two points, which are all different.
 fn spacing(points: &[Vec3]) -> Option<f64> {
-    let mut all = points.to_vec();
-    all.sort_unstable_by_key(|p| bits(*p));
-    all.dedup_by_key(|p| bits(*p));
-    if all.len() < 2 {
+    if points.len() < 2 {
         return None;
     }
-    let tree = Tree::new(&all);
-    let asked = all.iter().step_by(all.len().div_ceil(ASKED).max(1));
+    let tree = Tree::new(points);
+    let asked = points.iter().step_by(points.len().div_ceil(ASKED));
     let mut distances: Vec<f64> = asked
         .filter_map(|p| Some(tree.nearest_n(*p, 2).get(1)?.1))
         .collect();
@@ -158,11 +159,17 @@ mod tests {
         let coarse = Some("coordinates_coarse");
         assert_eq!(code(&ball(2.0, MAP, single)), coarse);
         let spelled = |_, v: f64| (v as f32).to_string().parse().unwrap();
-        assert_eq!(code(&ball(1.0, [1_500_000.0, 1_200_000.0, 0.0], spelled)), coarse);
+        assert_eq!(
+            code(&ball(1.0, [1_500_000.0, 1_200_000.0, 0.0], spelled)),
+            coarse
+        );
         let six = |_, v: f64| format!("{v:.5e}").parse().unwrap();
         assert_eq!(code(&ball(40.0, MAP, six)), coarse);
         let message = warning(&ball(2.0, MAP, single)).unwrap().message;
-        assert!(message.contains("float32") && message.contains("subtract"), "{message}");
+        assert!(
+            message.contains("float32") && message.contains("subtract"),
+            "{message}"
+        );
     }
 
     #[test]
@@ -185,7 +192,11 @@ mod tests {
         let raster = |step: f64| -> Vec<Vec3> {
             let at = |i: usize| {
                 let (x, y) = ((i % 40) as f64 * step, (i / 40) as f64 * step);
-                [3_512_430.0 + x, 5_405_590.0 + y, 300.0 + (0.05 * (x + 2.0 * y)).sin()]
+                [
+                    3_512_430.0 + x,
+                    5_405_590.0 + y,
+                    300.0 + (0.05 * (x + 2.0 * y)).sin(),
+                ]
             };
             (0..1600).map(at).collect()
         };

@@ -52,7 +52,9 @@ impl<'a> Scans<'a> {
             scan = match rest.next() {
                 None => None,
                 Some(line) => Some(Scan::read(&mut self.lines).ok_or_else(|| {
-                    line.error(format!("expected the header of another scan behind {points} points"))
+                    line.error(format!(
+                        "expected the header of another scan behind {points} points"
+                    ))
                 })?),
             };
         }

@@ -70,12 +70,12 @@ impl Sample {
         numbers > 0 && 2 * numbers >= self.rows().count()
     }
 
-    /// Whether the values are whole and grow from row to row, as no coordinate of a scan does.
+    /// Whether the values are whole and grow from row to row, or fall, as no coordinate of a scan does.
     fn is_running(&self, column: usize) -> bool {
         let values = || self.rows().map(|row| row[column]);
         self.rows().count() >= FEWEST_ROWS
             && values().all(|value| value.fract().abs() < f64::EPSILON)
-            && values().zip(values().skip(1)).all(|(a, b)| a < b)
+            && (values().is_sorted_by(|a, b| a < b) || values().is_sorted_by(|a, b| a > b))
     }
 
     /// Whether three columns are normals: of unit length nearly everywhere, and not all of them
@@ -119,7 +119,9 @@ mod tests {
 
     fn slots(sample: &Sample) -> Vec<Option<usize>> {
         let columns = sample.columns().unwrap();
-        (0..sample.width).map(|column| columns.slot(column)).collect()
+        (0..sample.width)
+            .map(|column| columns.slot(column))
+            .collect()
     }
 
     const POINT: [Option<usize>; 3] = [Some(0), Some(1), Some(2)];
@@ -130,7 +132,10 @@ mod tests {
         let normals = sample(0, |_, p| p.to_vec());
         assert_eq!(slots(&normals), [POINT, NORMAL].concat());
         let behind = sample(0, |i, p| [vec![i as f64 % 7.0, 0.5], p.to_vec()].concat());
-        assert_eq!(slots(&behind), [&POINT[..], &[None, None], &NORMAL].concat());
+        assert_eq!(
+            slots(&behind),
+            [&POINT[..], &[None, None], &NORMAL].concat()
+        );
         let missing = sample(0, |i, p| if i % 3 == 0 { vec![0.0; 3] } else { p.to_vec() });
         assert_eq!(slots(&missing), [POINT, NORMAL].concat());
     }

@@ -47,8 +47,7 @@ pub(in crate::reconstruction) fn corners(
     bytes: &[u8],
     take: impl FnMut(Vec3, usize) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    let is_text = starts_as_text(bytes)
-        && !bytes[..bytes.len().min(512)].contains(&0);
+    let is_text = starts_as_text(bytes) && !bytes[..bytes.len().min(512)].contains(&0);
     // Some binary files begin with "solid" as well.
     if is_text && !has_binary_length(bytes) {
         ascii(bytes, take)

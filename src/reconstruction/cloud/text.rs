@@ -54,11 +54,11 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// The text of a comment line (`#` or `//`); `None` for other lines.
+    /// The text of a comment line (`#`, `//`, `%` or `!`); `None` for other lines.
     pub(in crate::reconstruction) fn comment(self) -> Option<&'a [u8]> {
         let text = self.bytes.trim_ascii_start();
-        text.strip_prefix(b"#")
-            .or_else(|| text.strip_prefix(b"//"))
+        let marks: [&[u8]; 4] = [b"#", b"//", b"%", b"!"];
+        marks.iter().find_map(|mark| text.strip_prefix(*mark))
     }
 
     /// Whether it holds nothing besides a comment.
@@ -241,9 +241,7 @@ pub(in crate::reconstruction) fn has_decimal_comma(token: &[u8]) -> bool {
     let digits = |text: &[u8]| !text.is_empty() && text.iter().all(u8::is_ascii_digit);
     let whole = whole.map(|text| text.strip_prefix(b"-").unwrap_or(text));
     let decimals = decimals.map(|text| text.split(|&b| b.eq_ignore_ascii_case(&b'e')).next());
-    whole.is_some_and(digits)
-        && decimals.flatten().is_some_and(digits)
-        && parts.next().is_none()
+    whole.is_some_and(digits) && decimals.flatten().is_some_and(digits) && parts.next().is_none()
 }
 
 /// The start of something that a user wrote, fit for a message: short and printable.
@@ -309,13 +307,17 @@ mod tests {
     #[test]
     fn numbers_may_be_spelled_in_unusual_ways() {
         for (text, number) in [
-            ("1.5D+01", 15.0),
+            ("1.5D+01", 15.0_f64),
             ("-2d0", -2.0),
             ("\u{2212}0.25", -0.25),
             ("\u{2013}3", -3.0),
             ("+.5", 0.5),
         ] {
-            assert_eq!(parse(text.as_bytes()).map(f64::to_bits), Some(number.to_bits()), "{text}");
+            assert_eq!(
+                parse(text.as_bytes()).map(f64::to_bits),
+                Some(number.to_bits()),
+                "{text}"
+            );
         }
         for text in ["1.#QNAN", "-1.#IND00", "nan(ind)", "-nan"] {
             assert!(parse(text.as_bytes()).is_some_and(f64::is_nan), "{text}");
@@ -327,7 +329,13 @@ mod tests {
 
     #[test]
     fn decimal_commas_are_known() {
-        for (text, is) in [("1,5", true), ("-12,25e3", true), ("1,2,3", false), ("1.5", false), (",5", false)] {
+        for (text, is) in [
+            ("1,5", true),
+            ("-12,25e3", true),
+            ("1,2,3", false),
+            ("1.5", false),
+            (",5", false),
+        ] {
             assert_eq!(has_decimal_comma(text.as_bytes()), is, "{text}");
         }
     }

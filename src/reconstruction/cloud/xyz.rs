@@ -56,14 +56,13 @@ fn collect(
     collector: &mut Collector<'_>,
 ) -> Result<(), Error> {
     let (mut declared, mut found) = (layout.declared, 0);
-    for line in layout.rows.clone().content() {
+    for line in rows(layout) {
         if declared == Some(found)
             && let Some(count) = count(line, layout.separator)
         {
             (declared, found) = (Some(count), 0);
             continue;
         }
-        let line = unbracketed(line);
         collector.push(&columns.row(line, layout.separator)?, line.number)?;
         found += 1;
     }
@@ -75,6 +74,12 @@ fn collect(
         }),
         _ => Ok(()),
     }
+}
+
+/// The rows of a table.
+fn rows<'a>(layout: &Layout<'a>) -> impl Iterator<Item = Line<'a>> + use<'a> {
+    let lines = layout.rows.clone().map(unbracketed);
+    lines.filter(|line| !line.is_blank())
 }
 
 /// The whole number that is alone in a line.
@@ -90,11 +95,10 @@ fn count(line: Line<'_>, separator: Separator) -> Option<u64> {
 fn sample(layout: &Layout<'_>) -> Sample {
     let width = layout.width;
     let wanted = SAMPLE_ROWS.min(SAMPLE_NUMBERS / width).max(1);
-    let rows = || layout.rows.clone().content().map(unbracketed);
-    let first = rows().next().map_or(1, |line| line.bytes.len() + 1);
+    let first = rows(layout).next().map_or(1, |line| line.bytes.len() + 1);
     let every = (layout.rows.left() / first / wanted).max(1);
     let mut values = Vec::new();
-    for line in rows().step_by(every).take(2 * wanted) {
+    for line in rows(layout).step_by(every).take(2 * wanted) {
         let start = values.len();
         let cells = Cells::of(line, layout.separator).take(width);
         values.extend(cells.map(|cell| match Cell::of(cell) {

@@ -24,7 +24,7 @@ fn survive(bytes: &[u8], name: Option<&str>) {
             assert!(cloud.normals.is_none_or(|normals| normals.len() == n));
             assert!(cloud.labels.is_none_or(|labels| labels.len() == n));
             assert!(cloud.points.iter().flatten().all(|v| v.is_finite()));
-            assert!(source.dropped_non_finite <= n);
+            assert!(source.dropped_non_finite + n <= limits.max_points);
         }
         Err(error) => {
             let message = error.to_string();

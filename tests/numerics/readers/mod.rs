@@ -8,6 +8,7 @@
 mod damage;
 mod files;
 mod formats;
+mod programs;
 mod refusals;
 mod tables;
 mod validation;

@@ -102,13 +102,19 @@ fn parts(text: &str) -> Result<Vec<Part>, Error> {
         if rest.starts_with(']') {
             return Ok(parts);
         }
-        let expected = || error("expected fields of name and type in a structured array", rest);
+        let expected = || {
+            error(
+                "expected fields of name and type in a structured array",
+                rest,
+            )
+        };
         let inside = rest.strip_prefix('(').ok_or_else(expected)?;
         // A name may have a title before it, which is of no use here.
         let (name, after) = match inside.strip_prefix('(') {
             Some(titled) => {
                 let (_, after) = quoted(titled).ok_or_else(expected)?;
-                let (name, after) = quoted(after.trim_start_matches([',', ' '])).ok_or_else(expected)?;
+                let (name, after) =
+                    quoted(after.trim_start_matches([',', ' '])).ok_or_else(expected)?;
                 (name, after.trim_start_matches([')', ' ']))
             }
             None => quoted(inside).ok_or_else(expected)?,
@@ -137,15 +143,23 @@ fn quoted(text: &str) -> Option<(&str, &str)> {
 }
 
 fn product(sizes: &str) -> Option<usize> {
-    let sizes = sizes.split(',').map(str::trim).filter(|size| !size.is_empty());
-    sizes.map(|size| size.parse().ok()).try_fold(1usize, |product, size| {
-        product.checked_mul(size?)
-    })
+    let sizes = sizes
+        .split(',')
+        .map(str::trim)
+        .filter(|size| !size.is_empty());
+    sizes
+        .map(|size| size.parse().ok())
+        .try_fold(1usize, |product, size| product.checked_mul(size?))
 }
 
 /// A type as in `<f4`: byte order, kind, size.
 fn part(name: &str, spelled: &str, count: usize) -> Result<Part, Error> {
-    let expected = || error("expected numbers of type f2, f4, f8, i1 to i8 or u1 to u8", spelled);
+    let expected = || {
+        error(
+            "expected numbers of type f2, f4, f8, i1 to i8 or u1 to u8",
+            spelled,
+        )
+    };
     let order = match spelled.as_bytes().first() {
         Some(b'>') => ByteOrder::Big,
         _ => ByteOrder::Little,
@@ -153,7 +167,10 @@ fn part(name: &str, spelled: &str, count: usize) -> Result<Part, Error> {
     let plain = spelled.trim_start_matches(['<', '>', '|', '=']);
     let kind = plain.chars().next().filter(char::is_ascii_alphabetic);
     let kind = kind.ok_or_else(expected)?;
-    let digits: String = plain[1..].chars().take_while(char::is_ascii_digit).collect();
+    let digits: String = plain[1..]
+        .chars()
+        .take_while(char::is_ascii_digit)
+        .collect();
     let size: usize = digits.parse().map_err(|_| expected())?;
     let (scalar, size) = match kind {
         // Text has four bytes a character.
@@ -163,7 +180,7 @@ fn part(name: &str, spelled: &str, count: usize) -> Result<Part, Error> {
         'O' => return Err(error("expected numbers, found Python objects", spelled)),
         _ => (None, size),
     };
-    if size > MAX_HEADER || name.is_empty() && scalar.is_none() {
+    if size > MAX_HEADER {
         return Err(expected());
     }
     Ok(Part {
@@ -179,8 +196,13 @@ fn part(name: &str, spelled: &str, count: usize) -> Result<Part, Error> {
 fn shape(text: &str) -> Result<Vec<usize>, Error> {
     let expected = || error("expected a shape", text);
     let shape = value(text, "shape").and_then(|text| text.strip_prefix('('));
-    let (shape, _) = shape.and_then(|text| text.split_once(')')).ok_or_else(expected)?;
-    let sizes = shape.split(',').map(str::trim).filter(|size| !size.is_empty());
+    let (shape, _) = shape
+        .and_then(|text| text.split_once(')'))
+        .ok_or_else(expected)?;
+    let sizes = shape
+        .split(',')
+        .map(str::trim)
+        .filter(|size| !size.is_empty());
     let sizes: Option<Vec<usize>> = sizes.take(MAX_AXES).map(|size| size.parse().ok()).collect();
     sizes.ok_or_else(expected)
 }

@@ -17,7 +17,7 @@ use super::{Error, Limits};
 /// Rows that decide what the columns behind the third hold.
 const SAMPLE_ROWS: usize = 2000;
 
-/// Most rows of a transposed array: coordinates, normals, colours, a few more.
+/// Most numbers of a point in a transposed array or an image: coordinates, normals, colours, a few more.
 const MOST_TRANSPOSED: usize = 16;
 
 pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>, Error> {
@@ -40,13 +40,22 @@ fn plain<'l>(
     limits: &'l Limits,
 ) -> Result<Collector<'l>, Error> {
     let Some((rows, width, transposed)) = table(&header.shape) else {
-        let shape = header.shape.iter().map(usize::to_string).collect::<Vec<_>>();
+        let shape = header
+            .shape
+            .iter()
+            .map(usize::to_string)
+            .collect::<Vec<_>>();
         return Err(Error::NoCoordinates(format!(
             "the array is [{}]; expected [n, 3], or [n, 6] with normals",
             shape.join(", ")
         )));
     };
-    let expected = || error("expected numbers of type f2, f4, f8, i1 to i8 or u1 to u8", "");
+    let expected = || {
+        error(
+            "expected numbers of type f2, f4, f8, i1 to i8 or u1 to u8",
+            "",
+        )
+    };
     let scalar = part.scalar.ok_or_else(expected)?;
     let size = scalar.size();
     enough("the array, in rows,", rows, width * size, body.len())?;
@@ -66,7 +75,9 @@ fn plain<'l>(
         let number = |row: usize, column: usize| {
             let Field { start, stride, .. } = field(0, column);
             let bytes = body.get(start + row * stride..);
-            bytes.and_then(|bytes| scalar.read(part.order, bytes)).unwrap_or(f64::NAN)
+            bytes
+                .and_then(|bytes| scalar.read(part.order, bytes))
+                .unwrap_or(f64::NAN)
         };
         let all = (0..rows).step_by(step);
         let values = all.flat_map(|row| (0..width).map(move |column| (row, column)));
@@ -76,7 +87,8 @@ fn plain<'l>(
     };
     let mut collector = columns.collector(limits);
     if transposed {
-        let message = format!("the array is [{width}, {rows}]; it was read as {rows} points, transposed");
+        let message =
+            format!("the array is [{width}, {rows}]; it was read as {rows} points, transposed");
         collector.warn("array_transposed", message);
     }
     let fields = (0..width).filter_map(|column| Some(field(columns.slot(column)?, column)));
@@ -86,16 +98,29 @@ fn plain<'l>(
 }
 
 /// Rows and columns of an array of a shape, and whether points are its columns. Images of points are
-/// read pixel by pixel.
+/// read pixel by pixel, whether a pixel is the last axis or the first; more axes of size 1 are none.
 fn table(shape: &[usize]) -> Option<(usize, usize, bool)> {
-    match *shape {
-        [rows @ 3..=MOST_TRANSPOSED, width] if width > MOST_TRANSPOSED => Some((width, rows, true)),
-        [.., 0..3] | [_] | [] => None,
-        [.., width] if width > MAX_COLUMNS => None,
-        [ref pixels @ .., width] => {
-            let mut sizes = pixels.iter();
-            let rows = sizes.try_fold(1usize, |rows, &size| rows.checked_mul(size))?;
-            Some((rows, width, false))
+    let mut shape = shape;
+    while let [others @ .., 1] = shape {
+        shape = others;
+    }
+    let product = |sizes: &[usize]| {
+        let mut sizes = sizes.iter();
+        sizes.try_fold(1usize, |product, &size| product.checked_mul(size))
+    };
+    match shape {
+        [] | [_] => None,
+        [few @ 3..=MOST_TRANSPOSED, others @ .., last] if *last > MOST_TRANSPOSED => {
+            Some((product(others)?.checked_mul(*last)?, *few, true))
+        }
+        [_, others @ .., last] => {
+            let fits = 3..=if others.is_empty() {
+                MAX_COLUMNS
+            } else {
+                MOST_TRANSPOSED
+            };
+            let rows = product(&shape[..shape.len() - 1])?;
+            fits.contains(last).then_some((rows, *last, false))
         }
     }
 }

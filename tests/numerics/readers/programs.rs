@@ -1,0 +1,503 @@
+//! Files as programs write them: each must give the points of a torus, whatever else is in it.
+
+use std::fmt::Write as _;
+
+use meshway::reconstruction::cloud::Label;
+
+use super::{code, load, warnings};
+
+const COUNT: usize = 60;
+
+type Vec3 = [f64; 3];
+
+/// Points on a torus away from the origin, rounded to millimetres.
+fn points() -> Vec<Vec3> {
+    (0..COUNT).map(|i| at(i).0).collect()
+}
+
+/// A point and its normal.
+fn at(i: usize) -> (Vec3, Vec3) {
+    let (u, v) = (i as f64 * 2.4, i as f64 * 4.7);
+    let normal = [u.cos() * v.cos(), u.sin() * v.cos(), v.sin()];
+    let middle = [12.0 + u.cos(), 7.0 + u.sin(), 3.0];
+    let point = |k: usize| middle[k] + 0.35 * normal[k];
+    (
+        std::array::from_fn(|k| (point(k) * 1000.0).round() / 1000.0),
+        normal,
+    )
+}
+
+/// A file of one line a point.
+fn rows(row: impl Fn(usize, Vec3) -> String) -> String {
+    let line = |i| row(i, at(i).0) + "\n";
+    (0..COUNT).map(line).collect()
+}
+
+fn plain(separator: &str) -> String {
+    rows(|_, [x, y, z]| format!("{x}{separator}{y}{separator}{z}"))
+}
+
+/// Checks that a file gives the points, without normals and labels, with the given warnings.
+fn gives_points(file: &[u8], name: &str, expected: &[&str]) {
+    let (cloud, _) = load(file, name).unwrap_or_else(|error| panic!("{name}: {error}"));
+    assert_eq!(cloud.points, points(), "{name}");
+    assert_eq!(cloud.normals, None, "{name}");
+    assert_eq!(cloud.labels, None, "{name}");
+    assert_eq!(warnings(file, name), expected, "{name}");
+}
+
+#[test]
+fn headers_of_programs_name_the_coordinates() {
+    let numbered = rows(|i, [x, y, z]| format!("{},{x},{y},{z}", i * 3));
+    let scalars = rows(|i, [x, y, z]| format!("{i},0.5,-0.25,{x},{y},{z}"));
+    for (header, body) in [
+        (
+            "\"p\",\"U:0\",\"U:1\",\"Points:0\",\"Points:1\",\"Points:2\"",
+            &scalars,
+        ),
+        ("p,U_0,U_1,Points_0,Points_1,Points_2", &scalars),
+        ("Point,Easting,Northing,Elevation", &numbered),
+        ("id,pos_x,pos_y,pos_z", &numbered),
+        ("index,X(m),Y(m),Z(m)", &numbered),
+        ("Nr,X [mm],Y [mm],Z [mm]", &numbered),
+        ("label,l,p,s", &numbered),
+        ("# columns = id,x,y,z", &numbered),
+        ("#id X Y Z", &numbered),
+        // Tables of R do not name the names of the rows.
+        (
+            "x,y,z",
+            &rows(|i, [x, y, z]| format!("\"{i}\",{x},{y},{z}")),
+        ),
+    ] {
+        gives_points(format!("{header}\n{body}").as_bytes(), header, &[]);
+    }
+    let swapped = rows(|_, [x, y, z]| format!("{y} {x} {z}"));
+    gives_points(format!("N E H\n{swapped}").as_bytes(), "a.txt", &[]);
+}
+
+#[test]
+fn names_that_are_nearly_coordinates_are_refused() {
+    for (header, reason) in [
+        ("lat,lon,h", "latitude"),
+        ("x,y,depth", "not all of x, y and z"),
+    ] {
+        let file = format!("{header}\n{}", plain(","));
+        let message = load(file.as_bytes(), "a.csv").unwrap_err().to_string();
+        assert!(message.contains(reason), "{message}");
+    }
+    let local = rows(|i, [x, y, z]| format!("{i},0,1,{x},{y},{z}"));
+    let file = format!("world_x,world_y,world_z,x,y,z\n{local}");
+    gives_points(file.as_bytes(), "a.csv", &["columns_ambiguous"]);
+}
+
+#[test]
+fn unnamed_columns_are_told_by_their_values() {
+    let ignored = ["columns_ignored"];
+    for (name, file) in [
+        (
+            "class",
+            rows(|i, [x, y, z]| format!("{x} {y} {z} {}", i % 2)),
+        ),
+        (
+            "colours",
+            rows(|i, [x, y, z]| format!("{x} {y} {z} {} 0.5 0.1", i as f64 / 60.0)),
+        ),
+        (
+            "bytes",
+            rows(|i, [x, y, z]| format!("{x} {y} {z} {} 7 255", i % 2)),
+        ),
+        (
+            "words",
+            rows(|i, [x, y, z]| format!("{x} {y} {z} {} 1 65535", i * 1000)),
+        ),
+        (
+            "returns",
+            rows(|i, [x, y, z]| format!("{x} {y} {z} -{} 1 2", i * 9)),
+        ),
+        (
+            "number",
+            rows(|i, [x, y, z]| format!("{} {x} {y} {z}", 7 * i + 100)),
+        ),
+        ("name", rows(|i, [x, y, z]| format!("P{i};{x};{y};{z}"))),
+        (
+            "pts",
+            format!(
+                "{COUNT}\n{}",
+                rows(|i, [x, y, z]| format!("{x} {y} {z} -{i} 1 2 3"))
+            ),
+        ),
+    ] {
+        gives_points(file.as_bytes(), name, &ignored);
+    }
+    let normals = rows(|i, [x, y, z]| {
+        let (_, [nx, ny, nz]) = at(i);
+        format!("{x} {y} {z} 10 20 30 {nx:.3} {ny:.3} {nz:.3}")
+    });
+    let (cloud, _) = load(normals.as_bytes(), "a.xyz").unwrap();
+    assert_eq!(cloud.points, points());
+    let read = cloud.normals.unwrap();
+    assert!((read[5][1] - at(5).1[1]).abs() < 1e-3);
+    let message = &load(normals.as_bytes(), "a.xyz").unwrap().1.warnings[0].message;
+    assert!(message.contains("7, 8, 9"), "{message}");
+}
+
+#[test]
+fn spellings_of_cells_are_understood() {
+    let fortran = |v: f64| format!("{v:E}").replace('E', "D");
+    for (name, file) in [
+        (
+            "quotes",
+            rows(|_, [x, y, z]| format!("\"{x}\",\"{y}\",\"{z}\"")),
+        ),
+        ("fortran", rows(|_, p| p.map(fortran).join(" "))),
+        (
+            "minus",
+            rows(|_, p| p.map(|v| format!("\u{2212}{}", -v)).join(",")).replace("\u{2212}-", ""),
+        ),
+        ("brackets", rows(|_, [x, y, z]| format!("[{x}, {y}, {z}],"))),
+        ("tabs", rows(|_, [x, y, z]| format!("\t{x}\t{y}\t{z}\t"))),
+        ("open", rows(|_, [x, y, z]| format!("{x},{y},{z},"))),
+        ("excel", format!("\u{feff}sep=;\r\nX;Y;Z\r\n{}", plain(";"))),
+        ("count", format!("//X Y Z\n{COUNT}\n{}", plain(" "))),
+    ] {
+        gives_points(file.as_bytes(), name, &[]);
+    }
+}
+
+#[test]
+fn words_above_the_rows_are_skipped_and_told() {
+    let file = format!(
+        "Scanner 3.1\nDate: 2020-01-01 10:00\nScale 1 1 1\nPoints: {COUNT}\nx y z\n{}",
+        plain(" ")
+    );
+    gives_points(file.as_bytes(), "a.txt", &["preamble_skipped"]);
+    let message = &load(file.as_bytes(), "a.txt").unwrap().1.warnings[0].message;
+    assert!(message.contains("line 1 to line 4"), "{message}");
+}
+
+#[test]
+fn empty_cells_are_points_without_a_place() {
+    for (separator, empty) in [
+        (",", "NaN,,"),
+        (",", "1,,2"),
+        ("\t", "\t1\t2"),
+        (" ", "1 NA 2"),
+        (";", "1;2;"),
+    ] {
+        // In front of all rows, and among them.
+        let body = plain(separator);
+        let file = format!("x{separator}y{separator}z\n{empty}\n{body}{empty}\n");
+        gives_points(file.as_bytes(), empty, &["points_not_finite"]);
+        assert_eq!(load(file.as_bytes(), "a").unwrap().1.dropped_non_finite, 2);
+    }
+}
+
+#[test]
+fn the_content_wins_over_a_wrong_ending() {
+    for name in ["a.pcd", "a.ply", "a.obj", "a.npy"] {
+        gives_points(plain(" ").as_bytes(), name, &["format_by_content"]);
+    }
+    for name in ["a.bin", "a", "a.xyzrgb"] {
+        gives_points(plain("\t").as_bytes(), name, &[]);
+    }
+}
+
+#[test]
+fn point_lists_may_hold_several_clouds() {
+    let text = plain(" ");
+    let (first, second) = text.split_at(
+        text.find(
+            &rows(|i, [x, y, z]| match i {
+                40 => format!("{x} {y} {z}"),
+                _ => String::new(),
+            })
+            .trim(),
+        )
+        .unwrap(),
+    );
+    let file = format!("40\n{first}20\n{second}");
+    gives_points(file.as_bytes(), "a.pts", &[]);
+    let short = format!("40\n{first}21\n{second}");
+    assert_eq!(code(short.as_bytes(), "a.pts"), "cloud_truncated");
+}
+
+/// A scan of a grid whose last point has no return, moved by a matrix.
+fn ptx(points: &[Vec3], shift: Vec3) -> String {
+    let [dx, dy, dz] = shift;
+    let mut file = format!(
+        "{}\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n{dx} {dy} {dz} 1\n",
+        points.len() + 1
+    );
+    for [x, y, z] in points {
+        // Turned by a quarter, which the matrix turns back.
+        writeln!(file, "{} {} {} 0.5", y - dy, dx - x, z - dz).unwrap();
+    }
+    file + "0 0 0 0.5\n"
+}
+
+#[test]
+fn scans_are_moved_into_the_common_frame() {
+    let all = points();
+    let file = ptx(&all[..40], [1.0, 2.0, 3.0]) + &ptx(&all[40..], [-4.0, 0.5, 0.0]);
+    let (cloud, source) = load(file.as_bytes(), "a.ptx").unwrap();
+    let rounded: Vec<_> = cloud
+        .points
+        .iter()
+        .map(|p| p.map(|v| (v * 1000.0).round() / 1000.0))
+        .collect();
+    assert_eq!(rounded, all);
+    assert_eq!(source.dropped_non_finite, 2);
+    let cut = &file[..file.len() - 30];
+    assert_eq!(
+        code(cut[..=cut.rfind('\n').unwrap()].as_bytes(), "a.ptx"),
+        "cloud_truncated"
+    );
+}
+
+#[test]
+fn ply_headers_of_programs_are_read() {
+    let head = |more: &str| {
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex {COUNT}\nproperty float x\nproperty float y\n\
+             property float z\n{more}end_header\n"
+        )
+    };
+    let many: String = (0..300).fold(String::new(), |text, i| {
+        text + &format!("property float s{i}\n")
+    });
+    let zeros = " 0".repeat(300);
+    for (name, file) in [
+        ("bare", head("element face 0\n") + &plain(" ")),
+        (
+            "camera",
+            head("element face 0\nelement camera 1\nproperty float f\n") + &plain(" ") + "1\n",
+        ),
+        (
+            "twice",
+            head("property float i\nproperty float i\nproperty float x\n")
+                + &rows(|i, [x, y, z]| format!("{x} {y} {z} {i} 2 3")),
+        ),
+        (
+            "types",
+            head("property int64 id\nproperty bool keep\nproperty list uint8 long l\n")
+                + &rows(|i, [x, y, z]| format!("{x} {y} {z} {i} 1 1 9")),
+        ),
+        (
+            "many",
+            head(&many) + &rows(|_, [x, y, z]| format!("{x} {y} {z}{zeros}")),
+        ),
+        (
+            "comment",
+            head(&format!("comment {}\n", "crs ".repeat(3000))) + &plain(" "),
+        ),
+        ("among", head("") + "comment a\n" + &plain(" ")),
+    ] {
+        gives_points(file.as_bytes(), name, &[]);
+    }
+    let mut binary = b"ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty int64 id\n\
+        property float x\nproperty uint64 n\nproperty half y\nproperty bool b\nproperty double z\n\
+        element face 0\nend_header\n"
+        .to_vec();
+    binary.extend(7i64.to_le_bytes());
+    binary.extend(1.5f32.to_le_bytes());
+    binary.extend(8u64.to_le_bytes());
+    binary.extend(0xc000_u16.to_le_bytes());
+    binary.push(1);
+    binary.extend(0.25f64.to_le_bytes());
+    assert_eq!(
+        load(&binary, "a.ply").unwrap().0.points,
+        [[1.5, -2.0, 0.25]]
+    );
+}
+
+#[test]
+fn labels_that_are_classes_are_told_and_ignored() {
+    let named = |label: fn(usize) -> i32| {
+        format!(
+            "x,y,z,label\n{}",
+            rows(|i, [x, y, z]| format!("{x},{y},{z},{}", label(i)))
+        )
+    };
+    for file in [
+        named(|_| 1),
+        named(|_| 20),
+        named(|i| i as i32 % 3),
+        named(|i| i as i32 % 2),
+    ] {
+        gives_points(file.as_bytes(), "a.csv", &["labels_ignored"]);
+    }
+    // Inside, on the circle in the middle of the torus.
+    let inside: String = (0..9).fold(String::new(), |text, i| {
+        let angle = f64::from(i) * 0.7;
+        text + &format!("{},{},3,1\n", 12.0 + angle.cos(), 7.0 + angle.sin())
+    });
+    let file = named(|_| 0) + &inside;
+    let (cloud, _) = load(file.as_bytes(), "a.csv").unwrap();
+    assert_eq!(cloud.indices(Label::Interior).count(), 9);
+    assert_eq!(warnings(file.as_bytes(), "a.csv"), ["labels_used"]);
+}
+
+#[test]
+fn stl_of_other_spelling_is_read() {
+    let facets: Vec<Vec3> = points();
+    let text = |end: &str, vertex: &str| {
+        let mut file = "solid a part\n".to_owned();
+        for facet in facets.chunks(3) {
+            file += "facet normal nan nan nan\nouter loop\n";
+            for [x, y, z] in facet {
+                writeln!(file, "{vertex} {x} {y} {z}").unwrap();
+            }
+            file += "end loop\nendfacet\n";
+        }
+        file + end
+    };
+    gives_points(text("end solid a\n", "vertex").as_bytes(), "a.stl", &[]);
+    let upper = text("endsolid\n", "vertex").to_uppercase();
+    gives_points(upper.as_bytes(), "a.stl", &[]);
+    gives_points(upper.as_bytes(), "a", &[]);
+    // Written as a stream, without the number of facets.
+    let mut stream = vec![0; 84];
+    stream.extend([0; 12]);
+    let corners = (0..9u8).flat_map(|v| f32::from(v).to_le_bytes());
+    stream.extend(corners);
+    stream.extend([0; 2]);
+    assert_eq!(load(&stream, "a.stl").unwrap().0.points[2], [6.0, 7.0, 8.0]);
+}
+
+#[test]
+fn obj_lines_may_go_on() {
+    let file = rows(|_, [x, y, z]| format!("v {x} {y} \\\n {z} 0.5 0.5 0.5"));
+    gives_points(format!("# C:\\\n{file}").as_bytes(), "a.obj", &[]);
+}
+
+/// An array of NumPy from its dictionary and its data.
+fn npy(dictionary: &str, data: impl IntoIterator<Item = u8>) -> Vec<u8> {
+    let mut file = b"\x93NUMPY\x01\0".to_vec();
+    file.extend((dictionary.len() as u16).to_le_bytes());
+    file.extend(dictionary.as_bytes());
+    file.extend(data);
+    file
+}
+
+fn doubles(values: impl IntoIterator<Item = f64>) -> impl Iterator<Item = u8> {
+    values.into_iter().flat_map(f64::to_le_bytes)
+}
+
+#[test]
+fn arrays_of_any_shape_are_read() {
+    let all = points();
+    let plain =
+        |shape: &str| format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}\n");
+    let homogeneous = all.iter().flat_map(|&[x, y, z]| [x, y, z, 1.0]);
+    gives_points(
+        &npy(&plain("(60, 4)"), doubles(homogeneous)),
+        "a.npy",
+        &["columns_ignored"],
+    );
+    let transposed = (0..3).flat_map(|axis| points().into_iter().map(move |p| p[axis]));
+    gives_points(
+        &npy(&plain("(3, 60)"), doubles(transposed)),
+        "a.npy",
+        &["array_transposed"],
+    );
+    let image = all.iter().flatten().copied();
+    gives_points(&npy(&plain("(6, 10, 3)"), doubles(image)), "a.npy", &[]);
+    assert_eq!(
+        code(&npy(&plain("(180,)"), doubles(all.concat())), "a.npy"),
+        "cloud_no_coordinates"
+    );
+    let descr = "[('id', '<U3'), ('z', '<f8'), ('rgb', '|u1', (3,)), (('title', 'x'), '>f8'), ('y', '<f8')]";
+    let fields = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': (60,), }}\n");
+    let records = all.iter().flat_map(|[x, y, z]| {
+        [
+            &[0; 12][..],
+            &z.to_le_bytes(),
+            &[1, 2, 3],
+            &x.to_be_bytes(),
+            &y.to_le_bytes(),
+        ]
+        .concat()
+    });
+    gives_points(&npy(&fields, records.collect::<Vec<_>>()), "a.npy", &[]);
+    let part = "{'descr': [('xyz', '<f8', (3,))], 'fortran_order': False, 'shape': (60,), }\n";
+    gives_points(&npy(part, doubles(all.concat())), "a.npy", &[]);
+    let half = "{'descr': '<f2', 'fortran_order': False, 'shape': (1, 3), }\n";
+    let (cloud, _) = load(&npy(half, [0, 0x3c, 0, 0xc0, 0, 0x38]), "a.npy").unwrap();
+    assert_eq!(cloud.points, [[1.0, -2.0, 0.5]]);
+    for (descr, word) in [
+        ("'|O'", "objects"),
+        ("'<c16'", "f4"),
+        ("[('a', '<f8')]", "fields"),
+    ] {
+        let file = npy(
+            &format!("{{'descr': {descr}, 'fortran_order': False, 'shape': (9, 3), }}\n"),
+            [0; 999],
+        );
+        let message = load(&file, "a.npy").unwrap_err().to_string();
+        assert!(message.contains(word), "{message}");
+    }
+}
+
+#[test]
+fn formats_that_are_not_read_are_named_with_a_way_out() {
+    let at = |place: usize, mark: &[u8]| [&vec![0; place], mark, &[0; 40]].concat();
+    let las = |format: u8| {
+        let mut file = at(0, b"LASF");
+        file.resize(400, 0);
+        file[104] = format;
+        file
+    };
+    let nifti = [&348i32.to_be_bytes()[..], &at(340, b"n+1\0")].concat();
+    for (file, name) in [
+        (las(3), "LAS"),
+        (las(0x83), "LAZ"),
+        (at(0, b"ASTM-E57"), "E57"),
+        (b"# vtk DataFile Version 3.0\nASCII\n".to_vec(), "VTK"),
+        (
+            b"<?xml version=\"1.0\"?>\n<!-- x -->\n<VTKFile>".to_vec(),
+            "VTK",
+        ),
+        (at(0, b"PK\x03\x04"), "ZIP"),
+        (at(0, b"PK\x03\x04 points.npy"), "NPZ"),
+        (at(0, b"glTF"), "glTF"),
+        (b"{\n \"asset\": {}}".to_vec(), "glTF"),
+        (b"{ \"markups\": []}".to_vec(), "Slicer"),
+        (at(128, b"DICM"), "DICOM"),
+        (nifti.clone(), "NIfTI"),
+        (super::files::gzip(&nifti), "NIfTI"),
+        (b"NRRD0004\ntype: uchar\n".to_vec(), "NRRD"),
+        (b"** made by\n*Node\n1, 0, 0, 0\n".to_vec(), "Abaqus"),
+        (b"ncols 4\nnrows 4\n1 2 3 4\n".to_vec(), "ESRI"),
+        (b"<!DOCTYPE html><html>".to_vec(), "web page"),
+        (
+            [0.5f32, 1.0, 2.0, 3.5]
+                .iter()
+                .flat_map(|v| v.to_le_bytes())
+                .collect(),
+            "binary",
+        ),
+    ] {
+        for ending in ["a", "a.dat", "a.las"] {
+            let message = load(&file, ending).unwrap_err().to_string();
+            assert!(message.contains(name), "{name}: {message}");
+            let ways = ["export", "convert", "save", "unpack", "download"];
+            assert!(ways.iter().any(|way| message.contains(way)), "{message}");
+            assert_eq!(code(&file, ending), "unsupported_format");
+        }
+    }
+}
+
+#[test]
+fn lost_digits_are_told_by_the_reader() {
+    let far = rows(|_, [x, y, z]| {
+        let single = |v: f64| f64::from(v as f32);
+        format!(
+            "{} {} {}",
+            single(512_434.0 + x),
+            single(5_405_590.0 + y),
+            single(z)
+        )
+    });
+    let told = warnings(far.as_bytes(), "a.xyz");
+    assert!(told.contains(&"coordinates_coarse"), "{told:?}");
+}
