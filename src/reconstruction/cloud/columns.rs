@@ -31,7 +31,7 @@ impl Columns {
             let spelled = |&column: &usize| excerpt(names[column]);
             let taken: Vec<_> = found.point?.iter().map(spelled).collect();
             let message = format!(
-                "several columns could be the coordinates; {} were taken",
+                "the names leave open which columns are the coordinates; {} were taken",
                 taken.join(", ")
             );
             columns.warn("columns_ambiguous", message);

@@ -139,12 +139,19 @@ pub(super) fn refusal(bytes: &[u8]) -> Option<String> {
     Some(format!("this is {name}, which is not read; {advice}"))
 }
 
-/// What is said of a file of no known format.
-pub(super) fn unknown(bytes: &[u8]) -> String {
+/// Whether a file is text as far as its beginning tells: no zeros, and hardly a control character.
+pub(super) fn is_text(bytes: &[u8]) -> bool {
     const LOOKED_AT: usize = 4096;
     let head = &bytes[..bytes.len().min(LOOKED_AT)];
-    let is_text = !head.iter().any(|&b| b < b' ' && !b.is_ascii_whitespace());
-    let detail = if is_text {
+    let controls = head
+        .iter()
+        .filter(|&&b| b < b' ' && !b.is_ascii_whitespace());
+    !head.contains(&0) && 20 * controls.count() <= head.len()
+}
+
+/// What is said of a file of no known format.
+pub(super) fn unknown(bytes: &[u8]) -> String {
+    let detail = if is_text(bytes) {
         "it has no rows of three numbers"
     } else {
         "it holds raw binary numbers or another format without a known mark; save the points as PLY or \

@@ -81,10 +81,12 @@ impl Format {
         }
         match name.and_then(Self::from_extension) {
             // OFF needs no mark.
-            Some(format @ (Self::Xyz | Self::Off)) => Ok(format),
+            Some(format @ (Self::Xyz | Self::Off)) if foreign::is_text(bytes) => Ok(format),
             named => {
                 let head = &bytes[..bytes.len().min(TABLE_HEAD)];
                 let table = super::xyz::is_table(head).then_some(Self::Xyz);
+                // What is no text can only be a format with a mark.
+                let named = named.filter(|named| !matches!(named, Self::Xyz | Self::Off));
                 let unknown = || Error::UnsupportedFormat(foreign::unknown(bytes));
                 table.or(named).ok_or_else(unknown)
             }

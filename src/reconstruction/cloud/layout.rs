@@ -204,12 +204,18 @@ impl<'a> Layout<'a> {
                 self.other(line)?;
             }
         }
-        self.skipped.reverse();
-        match (&self.columns, misfit) {
-            (None, Some((line, found))) => Err(Error::Header {
+        if self.columns.is_some() {
+            // Between the names and the rows there may be units, or a rule.
+            self.skipped
+                .extend(self.unknown_names.take().map(|line| line.number));
+        }
+        self.skipped.sort_unstable();
+        match (&self.columns, misfit, self.unknown_names) {
+            (None, Some((line, found)), _) => Err(Error::Header {
                 line: line.number,
                 detail: format!("{found} column names, but rows of {} values", self.width),
             }),
+            (None, None, Some(line)) => refuse_half_names(line, self.separator),
             _ => Ok(()),
         }
     }
@@ -238,7 +244,6 @@ impl<'a> Layout<'a> {
                 )));
             }
             (_, []) if cells.len() == self.width && self.is_unnamed() => {
-                refuse_half_names(line, &cells)?;
                 self.unknown_names = Some(line);
             }
             _ => self.skipped.push(line.number),
@@ -311,7 +316,12 @@ impl<'a> Layout<'a> {
             (first, value) => first.is_none() && value.is_none(),
         };
         let whole = first.is_none_or(|first| first.fract().abs() < f64::EPSILON);
-        whole && numbers.all(alike)
+        let (mut rows, mut all) = (1, true);
+        for number in numbers {
+            rows += 1;
+            all &= alike(number);
+        }
+        whole && all && rows > 1
     }
 }
 
@@ -324,8 +334,8 @@ enum Found {
 }
 
 /// Refuses names that are nearly those of coordinates: guessing would be wrong.
-fn refuse_half_names(line: Line<'_>, cells: &[&[u8]]) -> Result<(), Error> {
-    let names = Names::of(cells.iter().copied());
+fn refuse_half_names(line: Line<'_>, separator: Separator) -> Result<(), Error> {
+    let names = Names::of(Cells::of(line, separator).take(MAX_COLUMNS));
     let number = line.number;
     if names.degrees {
         return Err(Error::NoCoordinates(format!(

@@ -297,7 +297,7 @@ fn is_surveyed(words: &[String]) -> bool {
 fn classify(words: &[String]) -> Option<(Kind, String, usize)> {
     let (stem, axis, is_letter) = split(words)?;
     let among = |list: &[&str], word: &String| list.contains(&word.as_str());
-    let is_beside = |word: &String| among(PLACES, word) || word == "scalar";
+    let is_beside = |word: &String| among(PLACES, word);
     let kind = if stem.iter().all(|word| among(PLACES, word)) {
         Kind::Place
     } else if stem
@@ -334,6 +334,10 @@ fn split(words: &[String]) -> Option<(Vec<String>, usize, bool)> {
                 (found, None) => found?,
             };
             Some((vec![found.0.to_owned()], found.1, true))
+        }
+        // CloudCompare calls what it has no use for a scalar; its coordinates are none.
+        [scalar, only] if scalar == "scalar" && axis(only).is_none() => {
+            split(std::slice::from_ref(only))
         }
         [others @ .., last] if axis(last).is_some() => Some((others.to_vec(), axis(last)?, true)),
         [first, others @ ..] if axis(first).is_some() => {

@@ -8,6 +8,9 @@ use crate::reconstruction::vector::{Vec3, bits};
 /// Points that are looked at.
 const LOOKED_AT: usize = 20_000;
 
+/// Fewest points of which steps are told: the differences of a few make any step.
+const FEWEST: usize = 16;
+
 /// Points whose nearest neighbour is asked for.
 const ASKED: usize = 500;
 
@@ -25,6 +28,9 @@ pub(super) fn warning(points: &[Vec3]) -> Option<Warning> {
     let mut some: Vec<Vec3> = points.iter().step_by(every).copied().collect();
     some.sort_unstable_by_key(|p| bits(*p));
     some.dedup_by_key(|p| bits(*p));
+    if some.len() < FEWEST {
+        return None;
+    }
     let axes = [0, 1, 2].map(|axis| Axis::of(&some, axis));
     let explained = |&i: &usize| axes[i].digits.is_some() && !shares_a_grid(i, &axes, &some);
     let coarsest = (0..3).filter(explained).map(|i| &axes[i]);
@@ -115,11 +121,8 @@ fn shares_a_grid(axis: usize, axes: &[Axis; 3], points: &[Vec3]) -> bool {
         .any(|other| axes[other].digits.is_none() || is_raster(other))
 }
 
-/// Median distance between neighbours; `None` with less than two points, which are all different.
+/// Median distance between neighbours among points that are all different.
 fn spacing(points: &[Vec3]) -> Option<f64> {
-    if points.len() < 2 {
-        return None;
-    }
     let tree = Tree::new(points);
     let asked = points.iter().step_by(points.len().div_ceil(ASKED));
     let mut distances: Vec<f64> = asked

@@ -18,6 +18,8 @@ pub(super) struct Sample {
     pub(super) width: usize,
     /// Row after row.
     pub(super) values: Vec<f64>,
+    /// How often a column holds words; empty where it cannot.
+    pub(super) words: Vec<usize>,
 }
 
 impl Sample {
@@ -64,10 +66,10 @@ impl Sample {
         self.values.chunks_exact(self.width.max(1))
     }
 
-    /// Whether at least half of the values are numbers.
+    /// Whether there are numbers, and no more words than other values.
     fn is_numeric(&self, column: usize) -> bool {
-        let numbers = self.rows().filter(|row| row[column].is_finite()).count();
-        numbers > 0 && 2 * numbers >= self.rows().count()
+        let words = self.words.get(column).copied().unwrap_or(0);
+        self.rows().any(|row| row[column].is_finite()) && 2 * words <= self.rows().count()
     }
 
     /// Whether the values are whole and grow from row to row, or fall, as no coordinate of a scan does.
@@ -81,10 +83,11 @@ impl Sample {
     /// Whether three columns are normals: of unit length nearly everywhere, and not all of them
     /// positive, as colours are.
     fn are_normals(&self, columns: &[usize]) -> bool {
-        let (mut given, mut unit, mut negative) = (0usize, 0usize, false);
+        let (mut there, mut given, mut unit, mut negative) = (0usize, 0usize, 0usize, false);
         for row in self.rows() {
             let normal: Vec3 = std::array::from_fn(|i| row[columns[i]]);
             let length = norm(normal);
+            there += usize::from(length.is_finite());
             if !length.is_finite() || length <= 0.0 {
                 continue;
             }
@@ -92,7 +95,7 @@ impl Sample {
             unit += usize::from((length - 1.0).abs() <= UNIT_TOLERANCE);
             negative |= normal.iter().any(|&v| v < 0.0);
         }
-        negative && 2 * given >= self.rows().count() && unit as f64 >= UNIT_SHARE * given as f64
+        negative && 2 * given >= there && unit as f64 >= UNIT_SHARE * given as f64
     }
 }
 
@@ -114,7 +117,11 @@ mod tests {
             width = row.len();
             values.extend(row);
         }
-        Sample { width, values }
+        Sample {
+            width,
+            values,
+            words: Vec::new(),
+        }
     }
 
     fn slots(sample: &Sample) -> Vec<Option<usize>> {

@@ -9,7 +9,7 @@ use super::columns::Columns;
 use super::layout::{Layout, unbracketed};
 use super::roles::Sample;
 use super::text::Line;
-use super::{Error, Limits, ptx};
+use super::{Error, Limits, foreign, ptx};
 
 /// Rows, and numbers in all of them, that decide what unnamed columns hold.
 const SAMPLE_ROWS: usize = 2000;
@@ -38,9 +38,9 @@ pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>
         collector.warn("header_ignored", message);
     }
     if let (Some(first), Some(last)) = (layout.skipped.first(), layout.skipped.last()) {
-        let count = layout.skipped.len();
         let message = format!(
-            "{count} lines of words above the rows were skipped, from line {first} to line {last}"
+            "lines above the rows that hold no points were skipped: {}, from line {first} to line {last}",
+            layout.skipped.len()
         );
         collector.warn("preamble_skipped", message);
     }
@@ -97,21 +97,32 @@ fn sample(layout: &Layout<'_>) -> Sample {
     let wanted = SAMPLE_ROWS.min(SAMPLE_NUMBERS / width).max(1);
     let first = rows(layout).next().map_or(1, |line| line.bytes.len() + 1);
     let every = (layout.rows.left() / first / wanted).max(1);
-    let mut values = Vec::new();
+    let (mut values, mut words) = (Vec::new(), vec![0; width]);
     for line in rows(layout).step_by(every).take(2 * wanted) {
         let start = values.len();
         let cells = Cells::of(line, layout.separator).take(width);
-        values.extend(cells.map(|cell| match Cell::of(cell) {
-            Cell::Number(value) => value,
-            _ => f64::NAN,
-        }));
+        values.extend(
+            cells
+                .zip(&mut words)
+                .map(|(cell, words)| match Cell::of(cell) {
+                    Cell::Number(value) => value,
+                    Cell::Missing => f64::NAN,
+                    Cell::Text => {
+                        *words += 1;
+                        f64::NAN
+                    }
+                }),
+        );
         values.resize(start + width, f64::NAN);
     }
-    Sample { width, values }
+    Sample {
+        width,
+        values,
+        words,
+    }
 }
 
 /// Whether a text looks like a table.
 pub(super) fn is_table(head: &[u8]) -> bool {
-    let is_control = |&b: &u8| b < b' ' && !b.is_ascii_whitespace();
-    !head.iter().any(is_control) && (ptx::Scans::find(head).is_some() || Layout::find(head).is_ok())
+    foreign::is_text(head) && (ptx::Scans::find(head).is_some() || Layout::find(head).is_ok())
 }

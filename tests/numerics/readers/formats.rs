@@ -168,10 +168,8 @@ fn points_that_are_not_finite_are_dropped_however_many() {
             ["points_not_finite"]
         );
     }
-    assert_eq!(
-        super::code(rows(200).as_bytes(), "a.xyz"),
-        "cloud_not_finite"
-    );
+    let none = "x y z\n".to_owned() + &rows(200);
+    assert_eq!(super::code(none.as_bytes(), "a.xyz"), "cloud_not_finite");
 }
 
 #[test]

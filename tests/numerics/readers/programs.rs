@@ -60,7 +60,7 @@ fn headers_of_programs_name_the_coordinates() {
         ("id,pos_x,pos_y,pos_z", &numbered),
         ("index,X(m),Y(m),Z(m)", &numbered),
         ("Nr,X [mm],Y [mm],Z [mm]", &numbered),
-        ("label,l,p,s", &numbered),
+        ("nr,l,p,s", &numbered),
         ("# columns = id,x,y,z", &numbered),
         ("#id X Y Z", &numbered),
         // Tables of R do not name the names of the rows.
@@ -310,31 +310,42 @@ fn ply_headers_of_programs_are_read() {
     );
 }
 
+/// Points of a torus with labels, and points on the circle in its middle with label 1.
+fn labelled(count: usize, inside: usize, label: impl Fn(usize) -> String) -> String {
+    let row = |i: usize| {
+        let [x, y, z] = at(i).0;
+        format!("{x},{y},{z},{}\n", label(i))
+    };
+    let middle = |i: usize| {
+        let angle = 0.7 * i as f64;
+        format!("{},{},3,1\n", 12.0 + angle.cos(), 7.0 + angle.sin())
+    };
+    let rows = (0..count).map(row).chain((0..inside).map(middle));
+    "x,y,z,label\n".to_owned() + &rows.collect::<String>()
+}
+
 #[test]
 fn labels_that_are_classes_are_told_and_ignored() {
-    let named = |label: fn(usize) -> i32| {
-        format!(
-            "x,y,z,label\n{}",
-            rows(|i, [x, y, z]| format!("{x},{y},{z},{}", label(i)))
-        )
-    };
-    for file in [
-        named(|_| 1),
-        named(|_| 20),
-        named(|i| i as i32 % 3),
-        named(|i| i as i32 % 2),
-    ] {
+    let classes: [fn(usize) -> String; 5] = [
+        |_| "1".to_owned(),
+        |_| "20".to_owned(),
+        |i| (i % 3).to_string(),
+        |_| "wall".to_owned(),
+        |_| String::new(),
+    ];
+    for class in classes {
+        let file = labelled(COUNT, 0, class);
         gives_points(file.as_bytes(), "a.csv", &["labels_ignored"]);
     }
-    // Inside, on the circle in the middle of the torus.
-    let inside: String = (0..9).fold(String::new(), |text, i| {
-        let angle = f64::from(i) * 0.7;
-        text + &format!("{},{},3,1\n", 12.0 + angle.cos(), 7.0 + angle.sin())
-    });
-    let file = named(|_| 0) + &inside;
-    let (cloud, _) = load(file.as_bytes(), "a.csv").unwrap();
-    assert_eq!(cloud.indices(Label::Interior).count(), 9);
-    assert_eq!(warnings(file.as_bytes(), "a.csv"), ["labels_used"]);
+    let halves = labelled(600, 0, |i| (i * i % 7 % 2).to_string());
+    assert_eq!(warnings(halves.as_bytes(), "a.csv"), ["labels_ignored"]);
+    assert_eq!(load(halves.as_bytes(), "a.csv").unwrap().0.labels, None);
+    for count in [COUNT, 600] {
+        let file = labelled(count, 9, |_| "0".to_owned());
+        let (cloud, _) = load(file.as_bytes(), "a.csv").unwrap();
+        assert_eq!(cloud.indices(Label::Interior).count(), 9);
+        assert_eq!(warnings(file.as_bytes(), "a.csv"), ["labels_used"]);
+    }
 }
 
 #[test]

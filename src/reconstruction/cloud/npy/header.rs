@@ -171,13 +171,15 @@ fn part(name: &str, spelled: &str, count: usize) -> Result<Part, Error> {
         .chars()
         .take_while(char::is_ascii_digit)
         .collect();
+    if kind == 'O' {
+        return Err(error("expected numbers, not Python objects", spelled));
+    }
     let size: usize = digits.parse().map_err(|_| expected())?;
     let (scalar, size) = match kind {
         // Text has four bytes a character.
         'U' => (None, size.checked_mul(4).ok_or_else(expected)?),
         'b' => (Some(Scalar::U8), size),
         'f' | 'i' | 'u' => (Scalar::of(kind as u8, size), size),
-        'O' => return Err(error("expected numbers, found Python objects", spelled)),
         _ => (None, size),
     };
     if size > MAX_HEADER {

@@ -83,7 +83,13 @@ fn plain<'l>(
         let values = all.flat_map(|row| (0..width).map(move |column| (row, column)));
         let values = values.map(|(row, column)| number(row, column)).collect();
         let none = || Error::NoCoordinates("the array has not three columns of numbers".to_owned());
-        Sample { width, values }.columns().ok_or_else(none)?
+        let words = Vec::new();
+        let sample = Sample {
+            width,
+            values,
+            words,
+        };
+        sample.columns().ok_or_else(none)?
     };
     let mut collector = columns.collector(limits);
     if transposed {
