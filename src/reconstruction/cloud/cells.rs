@@ -52,7 +52,7 @@ pub(super) fn is_missing(cell: &[u8]) -> bool {
         "", "na", "n/a", "#n/a", "none", "null", "nil", "nodata", "-", "--", "?", "*",
     ];
     let is_word = |word: &&str| cell.eq_ignore_ascii_case(word.as_bytes());
-    WORDS.iter().any(|word| is_word(&word))
+    WORDS.iter().any(is_word)
 }
 
 /// The cells of a line, without quotes and blanks around them, up to a comment.

@@ -7,8 +7,9 @@ use crate::reconstruction::sampling::neighbours::Tree;
 use crate::reconstruction::symmetric;
 use crate::reconstruction::vector::{Vec3, dot, sub};
 
-/// Fewest surface points around which a place can be judged; with fewer the labels are believed.
-const FEWEST: usize = 16;
+/// Fewest surface points that tell what lies beside them; with fewer the labels are believed. The
+/// neighbours of a fit are then an eighth of them: on a thin torus of 100 points they reach around it.
+const FEWEST: usize = 128;
 
 /// Points of a label that are looked at.
 const LOOKED_AT: usize = 300;
@@ -189,9 +190,12 @@ mod tests {
     }
 
     fn labelled(points: &[Vec3], interior: impl Fn(usize, Vec3) -> bool) -> Vec<Label> {
-        let label = |(i, &p): (usize, &Vec3)| match interior(i, p) {
-            true => Label::Interior,
-            false => Label::Surface,
+        let label = |(i, &p): (usize, &Vec3)| {
+            if interior(i, p) {
+                Label::Interior
+            } else {
+                Label::Surface
+            }
         };
         points.iter().enumerate().map(label).collect()
     }
@@ -230,9 +234,12 @@ mod tests {
         let outer = surface.iter().map(|p| p.map(|v| 1.1 * v));
         let points: Vec<Vec3> = surface.iter().copied().chain(outer).collect();
         let labels: Vec<_> = (0..2000)
-            .map(|i| match i < 1000 {
-                true => Label::Surface,
-                false => Label::Exterior,
+            .map(|i| {
+                if i < 1000 {
+                    Label::Surface
+                } else {
+                    Label::Exterior
+                }
             })
             .collect();
         assert_eq!(doubt(&points, &labels), None);

@@ -4,6 +4,7 @@ use super::Error;
 use super::cells::{Cell, Cells, Separator};
 use super::columns::{Columns, MAX_COLUMNS};
 use super::names::Names;
+use super::shape::Shape;
 use super::text::{Line, Lines, excerpt, has_decimal_comma};
 
 /// Lines and bytes at the beginning that decide on the layout.
@@ -28,73 +29,6 @@ pub(super) struct Layout<'a> {
     pub(super) skipped: Vec<usize>,
     /// The lines from the first row on.
     pub(super) rows: Lines<'a>,
-}
-
-/// Rows of one width, as one separator makes them of the first lines.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Shape {
-    separator: Separator,
-    cells: usize,
-    rows: usize,
-    /// Cells without a value, those at line ends aside.
-    missing: usize,
-    /// Rows whose last cell is empty, as with a separator at the end of the line.
-    open: usize,
-}
-
-impl Shape {
-    /// The shape that most rows have; of several, the one met first.
-    fn of(lines: &[Line<'_>], separator: Separator) -> Option<Self> {
-        let mut shapes: Vec<Self> = Vec::new();
-        for &line in lines {
-            let Some((cells, missing, open)) = row(line, separator) else {
-                continue;
-            };
-            let known = shapes.iter().position(|shape| shape.cells == cells);
-            let index = known.unwrap_or_else(|| {
-                shapes.push(Self {
-                    separator,
-                    cells,
-                    rows: 0,
-                    missing: 0,
-                    open: 0,
-                });
-                shapes.len() - 1
-            });
-            shapes[index].rows += 1;
-            shapes[index].missing += missing;
-            shapes[index].open += usize::from(open);
-        }
-        shapes.into_iter().rev().max_by_key(|shape| shape.rows)
-    }
-
-    fn width(&self) -> usize {
-        self.cells - usize::from(self.open == self.rows)
-    }
-
-    fn fits(&self, line: Line<'_>) -> bool {
-        row(line, self.separator).is_some_and(|(cells, _, open)| {
-            cells == self.cells || cells == self.width() || cells == self.cells + 1 && open
-        })
-    }
-}
-
-/// Cells of a line that may be a row, how many of them lack a value, and whether the last is empty.
-/// A row has three or more places for numbers, and a number in one of them.
-fn row(line: Line<'_>, separator: Separator) -> Option<(usize, usize, bool)> {
-    let (mut cells, mut numbers, mut missing, mut open) = (0, 0, 0, false);
-    for cell in Cells::of(line, separator).take(MAX_COLUMNS + 2) {
-        cells += 1;
-        open = cell.is_empty();
-        match Cell::of(cell) {
-            Cell::Number(_) => numbers += 1,
-            Cell::Missing => missing += 1,
-            Cell::Text => {}
-        }
-    }
-    missing -= usize::from(open && missing > 0);
-    let places = numbers + missing + usize::from(open);
-    (numbers > 0 && places >= 3).then_some((cells, missing, open))
 }
 
 /// A row without the brackets around it, as programs print arrays; a line of brackets only is empty.

@@ -23,6 +23,7 @@ mod precision;
 mod ptx;
 mod read;
 mod roles;
+mod shape;
 pub(super) mod stl;
 pub(super) mod text;
 mod validate;

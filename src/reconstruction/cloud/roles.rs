@@ -44,19 +44,21 @@ impl Sample {
         let used = 3 + 3 * usize::from(normal.is_some());
         if used < self.width {
             let listed = |columns: [usize; 3]| columns.map(|c| (c + 1).to_string()).join(", ");
-            let mut message = format!(
-                "the columns have no names: x, y, z were taken from columns {} of {}",
+            let normals = normal.map_or_else(String::new, |normal| {
+                format!(", normals from {}", listed(normal))
+            });
+            let number = if running {
+                "; the first column is a running number"
+            } else {
+                ""
+            };
+            let message = format!(
+                "the columns have no names: x, y, z were taken from columns {} of {}{normals}{number}; \
+                 what else there is was not used; names in the first line, as x y z nx ny nz label, \
+                 say it otherwise",
                 listed(point),
                 self.width
             );
-            if let Some(normal) = normal {
-                message += &format!(", normals from {}", listed(normal));
-            }
-            if running {
-                message += "; the first column is a running number";
-            }
-            message += "; what else there is was not used; names in the first line, as x y z nx ny \
-                        nz label, say it otherwise";
             columns.warn("columns_ignored", message);
         }
         Some(columns)

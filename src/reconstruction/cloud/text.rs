@@ -24,9 +24,10 @@ impl<'a> Line<'a> {
     /// The token as a number, as [`parse`] takes it.
     pub(in crate::reconstruction) fn number(self, token: &[u8]) -> Result<f64, Error> {
         parse(token).ok_or_else(|| {
-            let comma = match has_decimal_comma(token) {
-                true => "; write decimal points, not decimal commas",
-                false => "",
+            let comma = if has_decimal_comma(token) {
+                "; write decimal points, not decimal commas"
+            } else {
+                ""
             };
             let found = excerpt(token);
             self.error(format!("expected a number, found \"{found}\"{comma}"))
@@ -140,9 +141,10 @@ impl<'a> Iterator for Lines<'a> {
         }
         // All that was taken, without the end of the last line.
         let length = last.as_ptr().addr() + last.len() - start.as_ptr().addr();
-        let bytes = match self.tabs {
-            true => trim_blanks(&start[..length]),
-            false => start[..length].trim_ascii(),
+        let bytes = if self.tabs {
+            trim_blanks(&start[..length])
+        } else {
+            start[..length].trim_ascii()
         };
         Some(Line { number, bytes })
     }

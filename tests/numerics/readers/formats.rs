@@ -1,6 +1,6 @@
 //! One cloud through all formats, number for number.
 
-use meshway::reconstruction::cloud::{Format, Label, Limits, read};
+use meshway::reconstruction::cloud::{Format, Limits, read};
 
 use super::files::{all, cloud, gzip};
 use super::{load, warnings};

@@ -6,6 +6,7 @@
 )]
 
 mod damage;
+mod dialects;
 mod files;
 mod formats;
 mod programs;

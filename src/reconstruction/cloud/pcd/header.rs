@@ -118,8 +118,7 @@ impl<'a> Lines<'a> {
                     }
                 }));
             }
-            b"" | b"VERSION" | b"VIEWPOINT" => {}
-            [b'#', ..] => {}
+            b"" | b"VERSION" | b"VIEWPOINT" | [b'#', ..] => {}
             _ => return Err(self.error("expected a keyword of a PCD header", line)),
         }
         Ok(None)

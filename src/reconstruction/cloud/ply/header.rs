@@ -101,9 +101,10 @@ fn check(bytes: &[u8]) -> Result<(String, Vec<OwnType>, usize, usize), Error> {
     let mut position = 0;
     while !check.complete {
         let rest = &bytes[position..bytes.len().min(MAX_HEADER_BYTES)];
-        let most = match is_comment(rest) {
-            true => MAX_HEADER_BYTES,
-            false => MAX_LINE,
+        let most = if is_comment(rest) {
+            MAX_HEADER_BYTES
+        } else {
+            MAX_LINE
         };
         let Some(length) = rest.iter().take(most).position(|&b| b == end) else {
             let detail = if rest.len() >= most {
