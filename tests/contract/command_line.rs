@@ -138,7 +138,7 @@ fn the_same_run_gives_the_same_bytes() {
     );
 }
 
-/// A sphere as a table of ParaView, as a scan, and as an organised cloud; each with places without a point.
+/// A sphere as a table of `ParaView`, as a scan, and as an organised cloud; each with places without a point.
 fn files_of_programs() -> [(&'static str, String); 3] {
     let points: Vec<[f64; 3]> = (0..400)
         .map(|i| {

@@ -42,12 +42,19 @@ pub(super) fn warning(points: &[Vec3]) -> Option<Warning> {
     }
     let digits = coarsest.digits?;
     let message = format!(
-        "coordinates as large as {:.7} have {digits}, that is steps of {:.3}, while neighbouring points \
-         are {spacing:.3} apart: the shape is rounded; subtract the offset of the cloud before it is \
-         written, or write double precision with all digits",
-        coarsest.largest, coarsest.step
+        "coordinates as large as {} have {digits}, that is steps of {}, while neighbouring points are \
+         {} apart: the shape is rounded; subtract the offset of the cloud before it is written, or \
+         write double precision with all digits",
+        coarsest.largest,
+        short(coarsest.step),
+        short(spacing)
     );
     Some(Warning::new("coordinates_coarse", message))
+}
+
+/// The number with three digits.
+fn short(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
 }
 
 /// The values along an axis.

@@ -18,8 +18,15 @@ pub(super) struct Sample {
     pub(super) width: usize,
     /// Row after row.
     pub(super) values: Vec<f64>,
-    /// How often a column holds words; empty where it cannot.
-    pub(super) words: Vec<usize>,
+    /// What else is in each column; empty where there can only be numbers.
+    pub(super) tallies: Vec<Tally>,
+}
+
+/// How often the cells of a column are numbers, finite or not, and words.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Tally {
+    pub(super) numbers: usize,
+    pub(super) words: usize,
 }
 
 impl Sample {
@@ -68,10 +75,10 @@ impl Sample {
         self.values.chunks_exact(self.width.max(1))
     }
 
-    /// Whether there are numbers, and no more words than other values.
+    /// Whether there are numbers, finite or not, and no more words than other values.
     fn is_numeric(&self, column: usize) -> bool {
-        let words = self.words.get(column).copied().unwrap_or(0);
-        self.rows().any(|row| row[column].is_finite()) && 2 * words <= self.rows().count()
+        let tally = self.tallies.get(column);
+        tally.is_none_or(|tally| tally.numbers > 0 && 2 * tally.words <= self.rows().count())
     }
 
     /// Whether the values are whole and grow from row to row, or fall, as no coordinate of a scan does.
@@ -122,7 +129,7 @@ mod tests {
         Sample {
             width,
             values,
-            words: Vec::new(),
+            tallies: Vec::new(),
         }
     }
 

@@ -7,7 +7,7 @@ use super::cells::{Cell, Cells, Separator};
 use super::collector::Collector;
 use super::columns::Columns;
 use super::layout::{Layout, unbracketed};
-use super::roles::Sample;
+use super::roles::{Sample, Tally};
 use super::text::Line;
 use super::{Error, Limits, foreign, ptx};
 
@@ -97,28 +97,25 @@ fn sample(layout: &Layout<'_>) -> Sample {
     let wanted = SAMPLE_ROWS.min(SAMPLE_NUMBERS / width).max(1);
     let first = rows(layout).next().map_or(1, |line| line.bytes.len() + 1);
     let every = (layout.rows.left() / first / wanted).max(1);
-    let (mut values, mut words) = (Vec::new(), vec![0; width]);
+    let (mut values, mut tallies) = (Vec::new(), vec![Tally::default(); width]);
     for line in rows(layout).step_by(every).take(2 * wanted) {
         let start = values.len();
         let cells = Cells::of(line, layout.separator).take(width);
-        values.extend(
-            cells
-                .zip(&mut words)
-                .map(|(cell, words)| match Cell::of(cell) {
-                    Cell::Number(value) => value,
-                    Cell::Missing => f64::NAN,
-                    Cell::Text => {
-                        *words += 1;
-                        f64::NAN
-                    }
-                }),
-        );
+        for (cell, tally) in cells.zip(&mut tallies) {
+            let cell = Cell::of(cell);
+            tally.numbers += usize::from(matches!(cell, Cell::Number(_)));
+            tally.words += usize::from(cell == Cell::Text);
+            values.push(match cell {
+                Cell::Number(value) => value,
+                _ => f64::NAN,
+            });
+        }
         values.resize(start + width, f64::NAN);
     }
     Sample {
         width,
         values,
-        words,
+        tallies,
     }
 }
 

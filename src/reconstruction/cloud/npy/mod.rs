@@ -83,11 +83,11 @@ fn plain<'l>(
         let values = all.flat_map(|row| (0..width).map(move |column| (row, column)));
         let values = values.map(|(row, column)| number(row, column)).collect();
         let none = || Error::NoCoordinates("the array has not three columns of numbers".to_owned());
-        let words = Vec::new();
+        let tallies = Vec::new();
         let sample = Sample {
             width,
             values,
-            words,
+            tallies,
         };
         sample.columns().ok_or_else(none)?
     };
