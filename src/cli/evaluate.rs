@@ -81,7 +81,8 @@ fn compare(mesh: &TriangleMesh, reference: &str, arguments: &Arguments) -> Resul
         _ => {
             let (cloud, ..) = read_cloud(path)?;
             let judge = Judge::new(mesh, seed).ok_or_else(no_area)?;
-            json(&judge.compare(&cloud.points).ok_or_else(no_area)?)
+            let comparison = judge.compare(&cloud.points, &cloud.points);
+            json(&comparison.ok_or_else(no_area)?)
         }
     }
 }

@@ -14,13 +14,14 @@ use crate::reconstruction::mesh::write::{Format, write};
 use crate::reconstruction::settings::assignments;
 use crate::reconstruction::training::Metrics;
 use crate::reconstruction::{
-    Event, Input, Observer, Preset, Reconstruction, Settings, in_pool, reconstruct, set_threads,
+    Event, Input, Observer, Preset, Reconstruction, Settings, Warning, in_pool, reconstruct,
+    set_threads,
 };
 
 /// Arguments of `meshway reconstruct`.
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// Point cloud: PLY, XYZ, CSV, OBJ, OFF, STL, PCD or NPY, also gzipped.
+    /// Point cloud: PLY, XYZ, CSV, PTS, PTX, OBJ, OFF, STL, PCD or NPY, also gzipped.
     cloud: PathBuf,
     /// Points inside the surface, in addition to the labels of the cloud.
     #[arg(long, value_name = "CLOUD")]
@@ -73,12 +74,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn run_with(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     let sinks = Sinks::new(arguments)?;
     let progress = Progress::new(arguments.quiet);
-    let (cloud, inputs) = cloud(arguments, &progress)?;
+    let (cloud, inputs, warnings) = cloud(arguments, &progress)?;
 
     let outcome = reconstruct(&cloud, settings, &progress);
     progress.finish();
     let mut result = outcome.map_err(|error| Failure::of(error, &arguments.cloud))?;
     result.report.inputs = inputs;
+    result.report.warnings.splice(0..0, warnings);
     sinks.write(&result, &progress)?;
     progress.say(&result.report.summary());
     if let Some(name) = sinks.mesh.name() {
@@ -120,20 +122,25 @@ fn threads(asked: Option<usize>) -> Result<usize, Failure> {
     }
 }
 
-fn cloud(arguments: &Arguments, progress: &Progress) -> Result<(PointCloud, Vec<Input>), Failure> {
+/// The cloud of all files, what the report records of each, and what their readers warn of.
+fn cloud(
+    arguments: &Arguments,
+    progress: &Progress,
+) -> Result<(PointCloud, Vec<Input>, Vec<Warning>), Failure> {
     let parts = [
         (Some(&arguments.cloud), None),
         (arguments.interior.as_ref(), Some(Label::Interior)),
         (arguments.exterior.as_ref(), Some(Label::Exterior)),
     ];
     let mut whole: Option<PointCloud> = None;
-    let mut inputs = Vec::new();
+    let (mut inputs, mut warnings) = (Vec::new(), Vec::new());
     for (path, label) in parts {
         let Some(path) = path else { continue };
         let (part, source, input) = read_cloud(path)?;
         for warning in &source.warnings {
             progress.event(Event::Warning(warning));
         }
+        warnings.extend(source.warnings);
         inputs.push(input);
         let part = match label {
             Some(label) => part.with_label(label),
@@ -144,7 +151,7 @@ fn cloud(arguments: &Arguments, progress: &Progress) -> Result<(PointCloud, Vec<
             Some(whole) => whole.append(part),
         }
     }
-    Ok((whole.unwrap_or_default(), inputs))
+    Ok((whole.unwrap_or_default(), inputs, warnings))
 }
 
 /// All the places that results go to, checked before the work begins.

@@ -292,7 +292,7 @@ fn format_of_media_type(essence: &str) -> Option<Format> {
         "model/obj" | "application/x-obj" => Format::Obj,
         "model/stl" | "application/sla" | "application/vnd.ms-pki.stl" => Format::Stl,
         "application/x-off" | "model/off" => Format::Off,
-        "text/csv" | "text/tab-separated-values" => Format::Xyz,
+        "text/csv" | "text/tab-separated-values" | "application/csv" => Format::Xyz,
         "application/x-pcd" | "model/pcd" => Format::Pcd,
         "application/x-npy" => Format::Npy,
         _ => return None,

@@ -51,7 +51,7 @@ pub struct Comparison {
     /// From points uniform on the mesh to the nearest point of the cloud: never below the spacing
     /// of the cloud, and large where the mesh bridges a hole.
     pub mesh_to_cloud: Distances,
-    /// Diagonal of the cloud's bounding box, which the percentages refer to.
+    /// Diagonal of the whole cloud's bounding box, which the percentages refer to.
     pub diagonal: f64,
 }
 
@@ -81,8 +81,13 @@ impl<'a> Judge<'a> {
     }
 
     /// How far the mesh and `points`, which are finite, are from each other; `None` without points.
-    pub fn compare(&self, points: &[Vec3]) -> Option<Comparison> {
-        let diagonal = Bounds::of(points)?.diagonal();
+    ///
+    /// The points may be some of a cloud only, even a single one: percentages refer to the box of
+    /// `whole`, or, where all of that lies in one place, to the box of the mesh.
+    pub fn compare(&self, points: &[Vec3], whole: &[Vec3]) -> Option<Comparison> {
+        let diagonal = |bounds: Option<Bounds>| bounds.map(|bounds| bounds.diagonal());
+        let of_whole = diagonal(Bounds::of(whole)).filter(|&length| length > 0.0);
+        let diagonal = of_whole.or_else(|| diagonal(self.mesh.bounds()))?;
         let to_mesh = self.tree.distances(points);
         let to_cloud = PointTree::new(points)?.distances(&self.samples);
         Some(Comparison {

@@ -138,6 +138,70 @@ fn the_same_run_gives_the_same_bytes() {
     );
 }
 
+/// A sphere as a table of `ParaView`, as a scan, and as an organised cloud; each with places without a point.
+fn files_of_programs() -> [(&'static str, String); 3] {
+    let points: Vec<[f64; 3]> = (0..400)
+        .map(|i| {
+            let z = (f64::from(i) + 0.5) / 200.0 - 1.0;
+            let (r, a) = ((1.0 - z * z).sqrt(), f64::from(i) * 2.399_963);
+            [r * a.cos() + 20.0, r * a.sin() + 10.0, z]
+        })
+        .collect();
+    let lines = |row: &dyn Fn([f64; 3]) -> String| -> String {
+        points.iter().map(|&point| row(point) + "\n").collect()
+    };
+    let table = lines(&|[x, y, z]| format!("{},{},{z},{x},{y},{z}", x - 20.0, y - 10.0));
+    let scan = lines(&|[x, y, z]| format!("{} {} {z} 0.5", x - 20.0, y - 10.0));
+    let cloud = lines(&|[x, y, z]| format!("{x} {y} {z} 20"));
+    [
+        (
+            "table.csv",
+            format!(
+                "\"Normals:0\",\"Normals:1\",\"Normals:2\",\"Points:0\",\"Points:1\",\"Points:2\"\n\
+                 {table}0,0,1,,,\n"
+            ),
+        ),
+        (
+            "scan.ptx",
+            format!(
+                "401\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n20 10 0 1\n\
+                 {scan}0 0 0 0.5\n"
+            ),
+        ),
+        (
+            "organised.pcd",
+            format!(
+                "VERSION 0.7\nFIELDS x y z label\nSIZE 4 4 4 4\nTYPE F F F U\nWIDTH 401\nHEIGHT 2\n\
+                 DATA ascii\n{cloud}{}",
+                "nan nan nan 0\n".repeat(402)
+            ),
+        ),
+    ]
+}
+
+#[test]
+fn files_of_programs_become_meshes_and_the_report_has_their_warnings() {
+    let folder = TempDir::new().unwrap();
+    let folder = folder.path();
+    for (name, file) in files_of_programs() {
+        fs::write(folder.join(name), file).unwrap();
+        let arguments = quick(name, "mesh.ply", &["--report=report.json"]);
+        succeed(folder, &strings(&arguments));
+        let report = read_json(&folder.join("report.json"));
+        assert_eq!(report["mesh"]["closed"], true, "{name}");
+        let ball = 4.0 / 3.0 * std::f64::consts::PI;
+        let volume = report["mesh"]["volume"].as_f64().unwrap();
+        assert!((volume / ball - 1.0).abs() < 0.1, "{name}: {volume}");
+        let corner = report["mesh"]["bounds"]["min"][0].as_f64().unwrap();
+        assert!((corner - 19.0).abs() < 0.1, "{name}: {corner}");
+        assert_eq!(report["inputs"][0]["points"], 400, "{name}");
+        assert_eq!(report["warnings"][0]["code"], "points_not_finite", "{name}");
+        if name == "organised.pcd" {
+            assert_eq!(report["warnings"][1]["code"], "labels_ignored");
+        }
+    }
+}
+
 #[test]
 fn files_of_labelled_points_and_standard_output() {
     let folder = TempDir::new().unwrap();

@@ -229,8 +229,8 @@ async fn normals_that_cannot_be_used_as_they_are_are_counted() {
     let warnings = async |normal: fn(usize) -> &'static str| {
         let rows = sphere(100, 0.0).into_iter().enumerate();
         let row = |(i, [x, y, z]): (usize, [f64; 3])| format!("{x} {y} {z} {}\n", normal(i));
-        let answer = service.send(upload_request(rows.map(row).collect::<String>()));
-        let answer = answer.await.expect(201);
+        let table = "x y z nx ny nz\n".to_owned() + &rows.map(row).collect::<String>();
+        let answer = service.send(upload_request(table)).await.expect(201);
         expect_contract(&answer, "post", "/v1/clouds");
         answer.json()["warnings"].clone()
     };

@@ -41,7 +41,7 @@ impl Folder {
     pub(crate) async fn at(dir: TempDir) -> Self {
         fs::create_dir(dir.path().join("clouds")).unwrap();
         let sha256 = "a".repeat(64);
-        let bytes = sphere_xyz(POINTS, 0.0).into_bytes();
+        let bytes = (sphere_xyz(POINTS, 0.0) + "nan 0 0\n").into_bytes();
         fs::write(dir.path().join("clouds").join(&sha256), &bytes).unwrap();
         let store = Store::open(dir.path(), Options::default()).await.unwrap();
         let new = NewCloud {
@@ -181,7 +181,7 @@ impl Folder {
     }
 }
 
-/// Points of the cloud, a sphere.
+/// Points of the cloud, a sphere; one more has no place.
 const POINTS: usize = 300;
 
 fn unused(path: &Path) -> PathBuf {

@@ -32,6 +32,7 @@ async fn a_job_becomes_a_mesh_a_report_and_a_model() {
     assert_eq!(report["mesh"]["closed"], true);
     assert_eq!(report["inputs"][0]["sha256"], "a".repeat(64));
     assert_eq!(report["inputs"][0]["name"], "");
+    assert_eq!(report["warnings"][0]["code"], "points_not_finite");
     expect_named("Report", &report);
     for (group, name) in [
         ("cloud", "orientation_confidence"),

@@ -95,7 +95,7 @@ pub fn reconstruction(
         max_expanded_bytes: usize::MAX,
         max_expansion: f64::INFINITY,
     };
-    let (points, _) = cloud::read(&bytes, Some(&name), &limits).map_err(Error::from)?;
+    let (points, source) = cloud::read(&bytes, Some(&name), &limits).map_err(Error::from)?;
     drop(bytes);
     let mut result = reconstruct(&points, &assignment.settings, observer)?;
     result.report.inputs = vec![Input {
@@ -104,6 +104,7 @@ pub fn reconstruction(
         bytes: assignment.cloud.bytes,
         points: points.points.len(),
     }];
+    result.report.warnings.splice(0..0, source.warnings);
     Ok(Product {
         mesh: result.mesh,
         report: serde_json::to_value(&result.report).map_err(Failure::internal)?,

@@ -23,6 +23,7 @@ pub(in crate::reconstruction) enum Scalar {
     U32,
     I64,
     U64,
+    F16,
     F32,
     F64,
 }
@@ -39,6 +40,7 @@ impl Scalar {
             (b'u', 4) => Self::U32,
             (b'i', 8) => Self::I64,
             (b'u', 8) => Self::U64,
+            (b'f', 2) => Self::F16,
             (b'f', 4) => Self::F32,
             (b'f', 8) => Self::F64,
             _ => return None,
@@ -49,7 +51,7 @@ impl Scalar {
     pub(in crate::reconstruction) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
+            Self::I16 | Self::U16 | Self::F16 => 2,
             Self::I32 | Self::U32 | Self::F32 => 4,
             Self::I64 | Self::U64 | Self::F64 => 8,
         }
@@ -57,7 +59,7 @@ impl Scalar {
 
     /// Whether the numbers are integers.
     pub(in crate::reconstruction) fn is_integer(self) -> bool {
-        !matches!(self, Self::F32 | Self::F64)
+        !matches!(self, Self::F16 | Self::F32 | Self::F64)
     }
 
     /// The number that `bytes` start with; `None` if there are too few.
@@ -80,9 +82,27 @@ impl Scalar {
             Self::U32 => f64::from(number!(u32)),
             Self::I64 => number!(i64) as f64,
             Self::U64 => number!(u64) as f64,
+            Self::F16 => half(number!(u16)),
             Self::F32 => f64::from(number!(f32)),
             Self::F64 => number!(f64),
         })
+    }
+}
+
+/// The number that the bits of a float of 16 bits stand for: a sign, 5 bits of exponent, 10 of the
+/// fraction.
+fn half(bits: u16) -> f64 {
+    let fraction = f64::from(bits & 0x3ff);
+    let magnitude = match i32::from(bits >> 10 & 0x1f) {
+        0 => fraction * 2f64.powi(-24),
+        31 if fraction > 0.0 => f64::NAN,
+        31 => f64::INFINITY,
+        exponent => (1024.0 + fraction) * 2f64.powi(exponent - 25),
+    };
+    if bits >> 15 == 1 {
+        -magnitude
+    } else {
+        magnitude
     }
 }
 
@@ -137,4 +157,31 @@ pub(super) fn enough(what: &str, count: usize, size: usize, left: usize) -> Resu
         declared: count as u64,
         found: (left / size.max(1)) as u64,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ByteOrder, Scalar};
+
+    #[test]
+    fn halves_are_read_exactly() {
+        for (bits, value) in [
+            (0x0000_u16, 0.0),
+            (0x0001, 2f64.powi(-24)),
+            (0x0400, 2f64.powi(-14)),
+            (0x3c00, 1.0),
+            (0xc580, -5.5),
+            (0x7bff, 65504.0),
+            (0xfc00, f64::NEG_INFINITY),
+        ] {
+            let read = Scalar::F16.read(ByteOrder::Little, &bits.to_le_bytes());
+            assert_eq!(
+                read.map(f64::to_bits),
+                Some(f64::to_bits(value)),
+                "{bits:04x}"
+            );
+        }
+        let nan = Scalar::F16.read(ByteOrder::Big, &[0x7e, 0]);
+        assert!(nan.is_some_and(f64::is_nan));
+    }
 }

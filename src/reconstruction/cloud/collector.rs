@@ -1,18 +1,13 @@
 //! What every reader pours its rows into: limits, labels and values that are not finite are dealt
 //! with here, once.
 
-use super::{Error, Label, Limits, PointCloud};
+use super::roles::UNIT_TOLERANCE;
+use super::{Error, Label, Limits, PointCloud, labels, precision};
 use crate::reconstruction::Warning;
 use crate::reconstruction::vector::{Vec3, norm, normalized};
 
 /// One row of a file: x, y, z, the normal's components, the label. Unused slots are zero.
 pub(in crate::reconstruction) type Row = [f64; 7];
-
-/// Share of the points that may be dropped because they are not finite.
-const MAX_DROPPED: f64 = 0.01;
-
-/// How far from 1 the length of a unit normal may be: two digits a component are enough.
-const UNIT_TOLERANCE: f64 = 0.05;
 
 /// A cloud that is being read.
 #[derive(Debug)]
@@ -21,6 +16,8 @@ pub(super) struct Collector<'a> {
     cloud: PointCloud,
     rows: usize,
     normals: NormalCounts,
+    /// Why labels that the file has are not used.
+    doubt: Option<String>,
     warnings: Vec<Warning>,
 }
 
@@ -62,6 +59,7 @@ impl<'a> Collector<'a> {
             cloud,
             rows: 0,
             normals: NormalCounts::default(),
+            doubt: None,
             warnings: Vec::new(),
         }
     }
@@ -81,7 +79,7 @@ impl<'a> Collector<'a> {
         Ok(())
     }
 
-    /// Takes a row, or counts it as dropped; `line` is its line or record number for messages.
+    /// Takes a row, or counts it as dropped; with a label that is none, no label counts. `line` is its line or record number for messages.
     pub(super) fn push(&mut self, row: &Row, line: usize) -> Result<(), Error> {
         self.rows += 1;
         if self.rows > self.limits.max_points {
@@ -92,12 +90,17 @@ impl<'a> Collector<'a> {
             return Ok(());
         }
         if let Some(labels) = &mut self.cloud.labels {
-            let detail =
-                || format!("label {label} is none of 0 (surface), 1 (inside), -1 (outside)");
-            labels.push(Label::from_number(label).ok_or_else(|| Error::Row {
-                line,
-                detail: detail(),
-            })?);
+            if let Some(label) = Label::from_number(label) {
+                labels.push(label);
+            } else {
+                let value = if label.is_nan() {
+                    "text or nothing".to_owned()
+                } else {
+                    label.to_string()
+                };
+                self.doubt = Some(format!("{value} in line or record {line} is none"));
+                self.cloud.labels = None;
+            }
         }
         if let Some(normals) = &mut self.cloud.normals {
             normals.push(self.normals.checked([nx, ny, nz]));
@@ -117,13 +120,17 @@ impl<'a> Collector<'a> {
         if total == 0 {
             return Err(Error::Empty);
         }
-        if dropped as f64 > MAX_DROPPED * total as f64 {
+        if dropped == total {
             return Err(Error::NotFinite { dropped, total });
         }
         if dropped > 0 {
-            let message = format!("{dropped} of {total} points are not finite and were dropped");
+            let message = format!(
+                "{dropped} of {total} points have no position (empty, not finite, or without a \
+                 return) and were dropped"
+            );
             self.warn("points_not_finite", message);
         }
+        self.judge_labels();
         let kept = self.cloud.points.len();
         for (count, code, what) in [
             (
@@ -151,7 +158,34 @@ impl<'a> Collector<'a> {
             let message = format!("{duplicates} points repeat the coordinates of another point");
             self.warn("duplicate_points", message);
         }
+        self.warnings.extend(precision::warning(&self.cloud.points));
         Ok((self.cloud, dropped, self.warnings))
+    }
+
+    /// Decides whether the labels are used, and tells it before anything is taken as inside.
+    fn judge_labels(&mut self) {
+        if let Some(labels) = &self.cloud.labels {
+            self.doubt = labels::doubt(&self.cloud.points, labels);
+        }
+        if let Some(doubt) = &self.doubt {
+            let message = format!(
+                "the column label was ignored, so that all points count as surface: {doubt}; it holds \
+                 0 on the surface, 1 inside, -1 outside, and no classes"
+            );
+            self.cloud.labels = None;
+            self.warn("labels_ignored", message);
+        } else if self.cloud.labels.is_some() {
+            let count = |label| self.cloud.indices(label).count();
+            let (inside, outside) = (count(Label::Interior), count(Label::Exterior));
+            if inside + outside > 0 {
+                let surface = count(Label::Surface);
+                let message = format!(
+                    "by the column label, {surface} points lie on the surface, {inside} inside and \
+                     {outside} outside; rename the column if it means something else"
+                );
+                self.warn("labels_used", message);
+            }
+        }
     }
 
     fn too_many(&self) -> Error {

@@ -1,65 +1,84 @@
-//! Which column of a table holds what: the part that text tables, PLY and PCD have in common.
+//! Which column of a table holds what: the part that all tables have in common.
 
+use super::cells::{Cells, Separator, is_missing};
 use super::collector::{Collector, Row};
+use super::names::Names;
 use super::text::{Line, excerpt};
 use super::{Error, Limits};
-
-/// Names of the slots of a [`Row`], in its order, as tables spell them.
-const NAMES: [&[&str]; 7] = [
-    &["x"],
-    &["y"],
-    &["z"],
-    &["nx", "normal_x"],
-    &["ny", "normal_y"],
-    &["nz", "normal_z"],
-    &["label"],
-];
+use crate::reconstruction::Warning;
 
 /// Most columns of a table; more is taken for a file of another kind.
 pub(super) const MAX_COLUMNS: usize = 4096;
 
 /// The slot of a [`Row`] for each column of a table, if any.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(in crate::reconstruction) struct Columns {
     slots: Vec<Option<usize>>,
-    /// Whether some components of normals are there, but not all.
-    incomplete_normals: bool,
+    /// What is to be said about the choice.
+    warnings: Vec<Warning>,
 }
 
 impl Columns {
-    /// Columns by their names, of either case; `None` unless x, y and z are among them.
+    /// Columns by their names; `None` unless x, y and z are among them.
     ///
     /// Normals count only if all three components are there. Of two columns of one name the first
     /// counts.
     pub(super) fn named<'a>(names: impl IntoIterator<Item = &'a [u8]>) -> Option<Self> {
-        let mut taken = [false; 7];
-        let mut slot = |name: &[u8]| {
-            let is_name = |known: &&str| name.eq_ignore_ascii_case(known.as_bytes());
-            let slot = NAMES.iter().position(|names| names.iter().any(is_name))?;
-            (!std::mem::replace(&mut taken[slot], true)).then_some(slot)
-        };
-        let names = names.into_iter().take(MAX_COLUMNS);
-        let mut slots: Vec<_> = names.map(&mut slot).collect();
-        let components = taken[3..6].iter().filter(|&&taken| taken).count();
-        let incomplete_normals = (1..3).contains(&components);
-        if incomplete_normals {
-            for slot in &mut slots {
-                *slot = slot.filter(|slot| !(3..6).contains(slot));
+        let names: Vec<_> = names.into_iter().take(MAX_COLUMNS).collect();
+        let found = Names::of(names.iter().copied());
+        let mut columns = Self::placed(found.point?, names.len());
+        if found.rival {
+            let spelled = |&column: &usize| excerpt(names[column]);
+            let taken: Vec<_> = found.point?.iter().map(spelled).collect();
+            let message = format!(
+                "the names leave open which columns are the coordinates; {} were taken",
+                taken.join(", ")
+            );
+            columns.warn("columns_ambiguous", message);
+        }
+        match found.normal {
+            [Some(x), Some(y), Some(z)] => columns = columns.with_normals([x, y, z]),
+            [None, None, None] => {}
+            _ => {
+                let message = "normals are not used: they have not all of nx, ny and nz";
+                columns.warn("normals_ignored", message);
             }
         }
-        taken[..3].iter().all(|&taken| taken).then_some(Self {
-            slots,
-            incomplete_normals,
-        })
+        if let Some(label) = found.label {
+            columns.slots[label] = Some(6);
+        }
+        Some(columns)
     }
 
-    /// The given slots in the first columns, then columns that are not used, `width` in all.
-    pub(super) fn leading(slots: &[usize], width: usize) -> Self {
-        let leading = slots.iter().copied().map(Some);
-        Self {
-            slots: leading.chain(std::iter::repeat(None)).take(width).collect(),
-            incomplete_normals: false,
+    /// Coordinates in the given ones of `width` columns.
+    pub(super) fn placed(point: [usize; 3], width: usize) -> Self {
+        let mut slots = vec![None; width];
+        for (slot, column) in point.into_iter().enumerate() {
+            slots[column] = Some(slot);
         }
+        Self {
+            slots,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// The same with normals in the given columns.
+    pub(super) fn with_normals(mut self, normal: [usize; 3]) -> Self {
+        for (component, column) in normal.into_iter().enumerate() {
+            self.slots[column] = Some(3 + component);
+        }
+        self
+    }
+
+    /// The same behind a column that no name is for.
+    pub(super) fn behind_one(mut self) -> Self {
+        self.slots.insert(0, None);
+        self
+    }
+
+    /// Notes something that the user should know.
+    pub(super) fn warn(&mut self, code: &'static str, message: impl Into<String>) {
+        self.warnings.push(Warning::new(code, message));
     }
 
     /// Number of columns.
@@ -84,9 +103,8 @@ impl Columns {
     /// A collector of what these columns hold.
     pub(super) fn collector<'a>(&self, limits: &'a Limits) -> Collector<'a> {
         let mut collector = Collector::new(limits, self.has_normals(), self.holds(6));
-        if self.incomplete_normals {
-            let message = "normals are not used: they have not all of nx, ny and nz";
-            collector.warn("normals_ignored", message);
+        for warning in &self.warnings {
+            collector.warn(warning.code, warning.message.clone());
         }
         collector
     }
@@ -94,7 +112,7 @@ impl Columns {
     /// Reads lines of values as rows until the lines end.
     ///
     /// # Errors
-    /// A line with another number of values, a value that is no number, a label that is none.
+    /// A line with another number of values, a value that is no number.
     pub(super) fn collect<'a>(
         &self,
         lines: impl Iterator<Item = Line<'a>>,
@@ -102,28 +120,36 @@ impl Columns {
     ) -> Result<u64, Error> {
         let mut rows = 0;
         for line in lines {
-            collector.push(&self.row(line)?, line.number)?;
+            collector.push(&self.row(line, Separator::Any)?, line.number)?;
             rows += 1;
         }
         Ok(rows)
     }
 
-    fn row(&self, line: Line<'_>) -> Result<Row, Error> {
+    /// The row of a line; a missing value is not a number.
+    pub(super) fn row(&self, line: Line<'_>, separator: Separator) -> Result<Row, Error> {
         let mut row = [0.0; 7];
-        let mut found = 0;
-        for token in line.tokens() {
+        let (mut found, mut ends_empty) = (0, false);
+        for cell in Cells::of(line, separator) {
             if let Some(slot) = self.slot(found) {
-                row[slot] = line.number(token)?;
+                row[slot] = match line.number(cell) {
+                    // Labels may be words: then they are names of classes.
+                    Err(_) if slot == 6 => f64::NAN,
+                    Err(_) if separator != Separator::Any && is_missing(cell) => f64::NAN,
+                    value => value?,
+                };
             }
             found += 1;
+            ends_empty = cell.is_empty();
         }
-        if found != self.slots.len() {
-            return Err(line.error(format!(
-                "expected {} values, found {found} in \"{}\"",
-                self.slots.len(),
-                excerpt(line.bytes)
-            )));
+        // A separator may stand at the end of a line.
+        let width = self.slots.len();
+        if found == width || found == width + 1 && ends_empty {
+            return Ok(row);
         }
-        Ok(row)
+        let text = excerpt(line.bytes);
+        Err(line.error(format!(
+            "expected {width} values, found {found} in \"{text}\""
+        )))
     }
 }

@@ -29,8 +29,8 @@ pub enum Error {
          not far from the origin"
     )]
     Degenerate(&'static str),
-    /// Too many coordinates are NaN or infinite.
-    #[error("{dropped} of {total} points have coordinates that are not finite; at most 1 % may")]
+    /// Coordinates are NaN or infinite: in a file all of them, in memory any.
+    #[error("{dropped} of {total} points have coordinates that are not finite; give finite ones")]
     NotFinite {
         /// Points that are not finite.
         dropped: usize,

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Error;
-use super::text::{Lines, parse};
+use super::text::Lines;
+use super::{Error, foreign};
 
 /// A format that clouds are read from; each may be gzipped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -11,7 +11,7 @@ use super::text::{Lines, parse};
 pub enum Format {
     /// Stanford polygon file, ASCII or binary.
     Ply,
-    /// A table of numbers: `.xyz`, `.xyzn`, `.txt`, `.csv`, `.tsv`, `.asc`, `.pts`.
+    /// A table of numbers: `.xyz`, `.txt`, `.csv`, `.tsv`, `.asc`, `.pts`, `.ptx` and their kin.
     Xyz,
     /// Wavefront OBJ; its vertices.
     Obj,
@@ -28,6 +28,9 @@ pub enum Format {
 /// Looked at to tell formats apart; their marks stand at the very beginning.
 const HEAD: usize = 4096;
 
+/// Looked at to recognise a table, whose rows may stand below many lines of words.
+const TABLE_HEAD: usize = 1 << 16;
+
 impl Format {
     /// The format that a file name's ending stands for, `.gz` aside.
     pub fn from_extension(name: &str) -> Option<Self> {
@@ -35,7 +38,8 @@ impl Format {
         let name = name.strip_suffix(".gz").unwrap_or(&name);
         Some(match name.rsplit_once('.')?.1 {
             "ply" => Self::Ply,
-            "xyz" | "xyzn" | "txt" | "csv" | "tsv" | "asc" | "pts" => Self::Xyz,
+            "xyz" | "xyzn" | "xyzrgb" | "xyzi" | "txt" | "csv" | "tsv" | "asc" | "pts" | "ptx"
+            | "fcsv" | "dat" | "neu" => Self::Xyz,
             "obj" => Self::Obj,
             "off" => Self::Off,
             "stl" => Self::Stl,
@@ -59,7 +63,8 @@ impl Format {
     }
 
     /// The format of a file: by its content; where that leaves it open by the name's ending; and
-    /// if that says nothing either, a table if the first line holds numbers.
+    /// if that says nothing either, or names a format whose mark is not there, a table if there are
+    /// rows of numbers.
     pub(in crate::reconstruction) fn detect(
         bytes: &[u8],
         name: Option<&str>,
@@ -68,13 +73,24 @@ impl Format {
             let detail = "the file is UTF-16 text; save it as UTF-8 or ASCII";
             return Err(Error::UnsupportedFormat(detail.to_owned()));
         }
-        Self::from_content(bytes)
-            .or_else(|| Self::from_extension(name?))
-            .or_else(|| looks_like_table(bytes).then_some(Self::Xyz))
-            .ok_or_else(|| {
-                let detail = "the file is none of PLY, XYZ/CSV text, OBJ, OFF, STL, PCD, NPY";
-                Error::UnsupportedFormat(detail.to_owned())
-            })
+        if let Some(format) = Self::from_content(bytes) {
+            return Ok(format);
+        }
+        if let Some(detail) = foreign::refusal(bytes) {
+            return Err(Error::UnsupportedFormat(detail));
+        }
+        match name.and_then(Self::from_extension) {
+            // OFF needs no mark.
+            Some(format @ (Self::Xyz | Self::Off)) if foreign::is_text(bytes) => Ok(format),
+            named => {
+                let head = &bytes[..bytes.len().min(TABLE_HEAD)];
+                let table = super::xyz::is_table(head).then_some(Self::Xyz);
+                // What is no text can only be a format with a mark.
+                let named = named.filter(|named| !matches!(named, Self::Xyz | Self::Off));
+                let unknown = || Error::UnsupportedFormat(foreign::unknown(bytes));
+                table.or(named).ok_or_else(unknown)
+            }
+        }
     }
 
     fn from_content(bytes: &[u8]) -> Option<Self> {
@@ -93,22 +109,21 @@ impl Format {
         }
         let line = Lines::new(head, 0).content().next()?;
         match line.tokens().next()? {
-            b"solid" if head.windows(5).any(|word| word == b"facet") => Some(Self::Stl),
-            b"VERSION" | b"FIELDS" => Some(Self::Pcd),
-            b"v" | b"vn" | b"vt" | b"o" | b"g" | b"s" | b"mtllib" | b"usemtl" => Some(Self::Obj),
+            _ if super::stl::starts_as_text(line.bytes) && has_facet(head) => Some(Self::Stl),
+            b"VERSION" | b"FIELDS" | b"version" | b"fields" => Some(Self::Pcd),
+            b"v" | b"vn" | b"vt" | b"vp" | b"o" | b"g" | b"s" | b"mtllib" | b"usemtl" => {
+                Some(Self::Obj)
+            }
             word if super::off::keyword(word).is_some() => Some(Self::Off),
             _ => None,
         }
     }
 }
 
-fn looks_like_table(bytes: &[u8]) -> bool {
-    let head = &bytes[..bytes.len().min(HEAD)];
-    !head.contains(&0)
-        && Lines::new(head, 0)
-            .content()
-            .take(2)
-            .any(|line| line.tokens().next().and_then(parse).is_some())
+/// Whether an STL in text goes on as one.
+fn has_facet(head: &[u8]) -> bool {
+    let is_facet = |word: &[u8]| word.eq_ignore_ascii_case(b"facet");
+    head.windows(5).any(is_facet)
 }
 
 #[cfg(test)]

@@ -5,16 +5,25 @@
 //! in common with clouds (headers, vertices, numbers) is read by the same code.
 
 mod binary;
+mod cells;
 mod collector;
 pub(super) mod columns;
 mod error;
+mod foreign;
 mod format;
+mod labels;
+mod layout;
+mod names;
 mod npy;
 mod obj;
 pub(super) mod off;
 mod pcd;
 pub(super) mod ply;
+mod precision;
+mod ptx;
 mod read;
+mod roles;
+mod shape;
 pub(super) mod stl;
 pub(super) mod text;
 mod validate;

@@ -9,7 +9,7 @@ pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>
     let mut points: Vec<(Vec3, usize)> = Vec::new();
     let mut normals: Vec<Vec3> = Vec::new();
     let mut in_step = true;
-    for line in Lines::new(bytes, 0).content() {
+    for line in Lines::new(bytes, 0).joined().content() {
         let mut tokens = line.tokens();
         match tokens.next() {
             Some(b"v") => {

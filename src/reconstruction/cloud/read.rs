@@ -71,7 +71,7 @@ pub fn read(
     let gzipped = matches!(unpacked, Cow::Owned(_));
     let bytes = content(&unpacked)?;
     let format = Format::detect(bytes, name)?;
-    let collector = match format {
+    let mut collector = match format {
         Format::Ply => ply::read(bytes, limits),
         Format::Xyz => xyz::read(bytes, limits),
         Format::Obj => obj::read(bytes, limits),
@@ -80,6 +80,14 @@ pub fn read(
         Format::Pcd => pcd::read(bytes, limits),
         Format::Npy => npy::read(bytes, limits),
     }?;
+    let named = name.and_then(Format::from_extension);
+    if let (Format::Xyz, Some(named)) = (format, named.filter(|&named| named != format)) {
+        let message = format!(
+            "the file has no mark of {}, though its name says so; it was read as a table of numbers",
+            named.name().to_uppercase()
+        );
+        collector.warn("format_by_content", message);
+    }
     let (cloud, dropped_non_finite, warnings) = collector.finish()?;
     let source = Source {
         format,

@@ -36,13 +36,18 @@ pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>
     Ok(collector)
 }
 
+/// Whether a file begins as the text form does, in any case.
+pub(super) fn starts_as_text(bytes: &[u8]) -> bool {
+    let start = bytes.trim_ascii_start().first_chunk::<5>();
+    start.is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
+}
+
 /// Gives `take` the corners of all facets, three for each, with the line or the number of the facet.
 pub(in crate::reconstruction) fn corners(
     bytes: &[u8],
     take: impl FnMut(Vec3, usize) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    let is_text = bytes.trim_ascii_start().starts_with(b"solid")
-        && !bytes[..bytes.len().min(512)].contains(&0);
+    let is_text = starts_as_text(bytes) && !bytes[..bytes.len().min(512)].contains(&0);
     // Some binary files begin with "solid" as well.
     if is_text && !has_binary_length(bytes) {
         ascii(bytes, take)
@@ -58,16 +63,22 @@ fn ascii(
     let (mut corners, mut ended) = (0u64, false);
     for line in Lines::new(bytes, 0) {
         let mut tokens = line.tokens();
-        match tokens.next() {
-            Some(b"vertex") => {
+        let Some(word) = tokens.next() else { continue };
+        let mut word = word.to_ascii_lowercase();
+        // Some programs part the words that end something.
+        if word == b"end" {
+            word.extend(tokens.next().unwrap_or_default().to_ascii_lowercase());
+        }
+        match word.as_slice() {
+            b"vertex" => {
                 take(line.vector(&mut tokens)?, line.number)?;
                 corners += 1;
             }
-            Some(b"endloop") if !corners.is_multiple_of(3) => {
+            b"endloop" if !corners.is_multiple_of(3) => {
                 return Err(line.error("the facet has not three vertices"));
             }
-            Some(b"solid") => ended = false,
-            Some(b"endsolid") => ended = true,
+            b"solid" => ended = false,
+            b"endsolid" => ended = true,
             _ => {}
         }
     }
@@ -91,7 +102,11 @@ fn binary(
         found: bytes.len() as u64,
     })?;
     let body = &bytes[HEADER..];
-    let facets = facets as usize;
+    // Programs that do not know the number when they begin leave it 0.
+    let facets = match facets as usize {
+        0 => body.len() / FACET,
+        facets => facets,
+    };
     enough("the list of facets", facets, FACET, body.len())?;
     for (i, facet) in body.chunks_exact(FACET).take(facets).enumerate() {
         for corner in facet[12..48].chunks_exact(12) {

@@ -37,13 +37,22 @@ pub fn write_ply(cloud: &PointCloud, out: &mut dyn Write) -> io::Result<()> {
     Ok(())
 }
 
-/// Writes one line a point: `x y z`, then `nx ny nz` and `label` where there are any.
+/// Writes one line a point: `x y z`, then `nx ny nz` and `label` where there are any. Labels are read
+/// only from a column of that name, so that with them the first line names the columns.
 ///
 /// Numbers have as many digits as give the same f64 back.
 ///
 /// # Errors
 /// Those of `out`.
 pub fn write_xyz(cloud: &PointCloud, out: &mut dyn Write) -> io::Result<()> {
+    if cloud.labels.is_some() {
+        let normals = if cloud.normals.is_some() {
+            " nx ny nz"
+        } else {
+            ""
+        };
+        writeln!(out, "x y z{normals} label")?;
+    }
     for i in 0..cloud.points.len() {
         let mut columns: Vec<String> = numbers(cloud, i).map(|x| x.to_string()).collect();
         if cloud.labels.is_some() {

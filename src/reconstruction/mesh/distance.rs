@@ -190,9 +190,10 @@ pub struct Distances {
 }
 
 impl Distances {
-    /// Sums up `distances` against the length `reference`; `None` without distances.
+    /// Sums up `distances` against the length `reference`; `None` without distances, or without a
+    /// length to relate them to.
     pub fn of(distances: &[f64], reference: f64) -> Option<Self> {
-        if distances.is_empty() {
+        if distances.is_empty() || !reference.is_normal() {
             return None;
         }
         let n = distances.len() as f64;

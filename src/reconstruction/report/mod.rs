@@ -208,10 +208,14 @@ impl Report {
             || quality::describe(mesh),
             || Judge::new(mesh, settings.training.seed),
         );
+        let surface_points: Vec<Vec3> = cloud
+            .indices(Label::Surface)
+            .map(|i| cloud.points[i])
+            .collect();
         let compare = |indices| {
             judge
                 .as_ref()
-                .and_then(|judge| judge.compare(&points(indices)))
+                .and_then(|judge| judge.compare(&points(indices), &surface_points))
         };
         let trained_on = &prepared.surface;
         let normal_agreement = cloud.normals.as_ref().and_then(|normals| {

@@ -92,7 +92,7 @@ fn counts_are_not_believed() {
     let many = u64::MAX.to_string();
     for encoding in ["ascii", "binary_little_endian"] {
         let text = format!("ply\nformat {encoding} 1.0\nelement a 9999999999\nend_header\n");
-        assert!(refusal(&text).contains("no properties"));
+        assert!(refusal(&text).contains("no element \"vertex\""));
     }
     assert!(refusal(&format!("OFF\n{many} 0 0\n0 0 0\n")).contains("cut short"));
     let list = format!("OFF\n1 1 0\n0 0 0\n{many} 0 0 0\n");

@@ -156,6 +156,7 @@ fn distances_are_summed_up_as_numpy_does() {
         assert!((percent - 2.0 * expected).abs() < 1e-14);
     }
     assert!(Distances::of(&[], 1.0).is_none());
+    assert!(Distances::of(&[1.0], 0.0).is_none());
 }
 
 #[test]
@@ -201,12 +202,23 @@ fn a_missing_half_shows_in_one_direction_only() {
 fn a_cloud_on_the_surface_is_near_it_both_ways() {
     let mesh = sphere(1.0, 5);
     let judge = Judge::new(&mesh, 1).unwrap();
-    let comparison = judge.compare(&mesh.vertices).unwrap();
+    let comparison = judge.compare(&mesh.vertices, &mesh.vertices).unwrap();
     assert!(comparison.cloud_to_mesh.max < 1e-14);
     // No point of a facet is farther from a corner than half of the longest edge / cos 30°.
     assert!(comparison.mesh_to_cloud.max < 0.05);
     assert!(comparison.mesh_to_cloud.mean > 0.005);
-    assert!(judge.compare(&[]).is_none());
+    assert!(judge.compare(&[], &mesh.vertices).is_none());
+    // A single point, and even a cloud in one place, have percentages of something.
+    let point = &[[0.0, 0.0, 2.0]];
+    for whole in [&mesh.vertices[..], point] {
+        let comparison = judge.compare(point, whole).unwrap();
+        let percent = comparison.cloud_to_mesh.mean_percent;
+        assert!(
+            (percent - 100.0 / comparison.diagonal).abs() < 0.1,
+            "{percent}"
+        );
+        assert!((comparison.diagonal - 12f64.sqrt()).abs() < 0.01);
+    }
     assert!(Judge::new(&TriangleMesh::default(), 1).is_none());
 }
 

@@ -13,7 +13,7 @@ pub(super) fn cloud() -> PointCloud {
     let points: Vec<_> = (0..40)
         .map(|i| [grid(i), grid(i * i % 11), grid(i * 7 % 13)])
         .collect();
-    let axis = |i: usize| [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 0.5]][i % 3];
+    let axis = |i: usize| [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]][i % 3];
     let label = |i: usize| [Label::Surface, Label::Interior, Label::Exterior][i % 3];
     PointCloud {
         normals: Some((0..points.len()).map(axis).collect()),
@@ -83,6 +83,7 @@ fn rows() -> Vec<[f64; 7]> {
     cloud.points.iter().copied().enumerate().map(row).collect()
 }
 
+/// Names of the columns where there are labels, which only a name tells.
 fn text(columns: usize, separator: &str) -> String {
     let line = |row: [f64; 7]| {
         row[..columns]
@@ -90,13 +91,20 @@ fn text(columns: usize, separator: &str) -> String {
             .map(f64::to_string)
             .collect::<Vec<_>>()
     };
+    let names = ["x", "y", "z", "nx", "ny", "nz", "label"];
+    let names = (columns == 7).then(|| names.join(separator));
     let lines = rows().into_iter().map(|row| line(row).join(separator));
-    lines.collect::<Vec<_>>().join("\n")
+    names
+        .into_iter()
+        .chain(lines)
+        .collect::<Vec<_>>()
+        .join("\n")
 }
 
 fn labelled_text() -> String {
     let line = |row: [f64; 7]| format!("{} {} {} {}\r\n", row[0], row[1], row[2], row[6]);
-    rows().into_iter().map(line).collect()
+    let rows: String = rows().into_iter().map(line).collect();
+    "x y z label\r\n".to_owned() + &rows
 }
 
 /// Vertices as double, float and char; before them an element with a list, behind them faces.

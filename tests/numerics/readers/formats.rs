@@ -1,6 +1,6 @@
 //! One cloud through all formats, number for number.
 
-use meshway::reconstruction::cloud::{Format, Label, Limits, read};
+use meshway::reconstruction::cloud::{Format, Limits, read};
 
 use super::files::{all, cloud, gzip};
 use super::{load, warnings};
@@ -15,12 +15,8 @@ fn every_format_gives_the_numbers_that_were_written() {
         assert_eq!(read, written, "{}", file.name);
         assert_eq!(Some(source.format), Format::from_extension(file.name));
         assert!(!source.gzipped);
-        // Some of its normals are longer than 1.
-        let expected: &[&str] = if file.normals {
-            &["normals_not_unit"]
-        } else {
-            &[]
-        };
+        // Before anything is taken as inside, it is told.
+        let expected: &[&str] = if file.labels { &["labels_used"] } else { &[] };
         assert_eq!(warnings(&file.bytes, file.name), expected, "{}", file.name);
     }
 }
@@ -153,30 +149,43 @@ fn npy_integers_are_read() {
 }
 
 #[test]
-fn points_that_are_not_finite_are_dropped_up_to_one_percent() {
+fn points_that_are_not_finite_are_dropped_however_many() {
     let rows = |bad: usize| {
         let row = |i: usize| match i {
-            i if i < bad => "1 nan 1 1\n".to_owned(),
-            i => format!("{i} 2 3 -1\n"),
+            i if i < bad => "1 nan 1\n".to_owned(),
+            i => format!("{i} 2 {}\n", i * i),
         };
         (0..200).map(row).collect::<String>()
     };
-    let (cloud, source) = load(rows(2).as_bytes(), "a.xyz").unwrap();
-    assert_eq!((cloud.points.len(), source.dropped_non_finite), (198, 2));
-    assert_eq!(cloud.labels.unwrap(), [Label::Exterior; 198]);
-    assert_eq!(warnings(rows(2).as_bytes(), "a.xyz"), ["points_not_finite"]);
-    assert_eq!(super::code(rows(3).as_bytes(), "a.xyz"), "cloud_not_finite");
+    for bad in [2, 150] {
+        let (cloud, source) = load(rows(bad).as_bytes(), "a.xyz").unwrap();
+        assert_eq!(
+            (cloud.points.len(), source.dropped_non_finite),
+            (200 - bad, bad)
+        );
+        assert_eq!(
+            warnings(rows(bad).as_bytes(), "a.xyz"),
+            ["points_not_finite"]
+        );
+    }
+    let none = "x y z\n".to_owned() + &rows(200);
+    assert_eq!(super::code(none.as_bytes(), "a.xyz"), "cloud_not_finite");
 }
 
 #[test]
 fn duplicates_and_broken_normals_are_kept_and_told() {
-    let file = b"0 0 1 0 0 1\n0 0 1 0 0 1\n-0 0 1 nan 0 1\n0 1 1 0 0 1\n";
+    let file = b"x y z nx ny nz\n0 0 1 0 0 1\n0 0 1 0 0 0.5\n-0 0 1 nan 0 1\n0 1 1 0 0 0\n";
     let (cloud, source) = load(file, "a.xyz").unwrap();
     assert_eq!(cloud.points.len(), 4);
-    assert_eq!(cloud.normals.unwrap()[2], [0.0; 3]);
+    assert_eq!(cloud.normals.unwrap()[1..3], [[0.0, 0.0, 0.5], [0.0; 3]]);
     assert_eq!(
         warnings(file, "a.xyz"),
-        ["normals_not_finite", "duplicate_points"]
+        [
+            "normals_not_finite",
+            "normals_zero",
+            "normals_not_unit",
+            "duplicate_points"
+        ]
     );
-    assert!(source.warnings[1].message.starts_with("2 points"));
+    assert!(source.warnings[3].message.starts_with("2 points"));
 }

@@ -6,8 +6,10 @@
 )]
 
 mod damage;
+mod dialects;
 mod files;
 mod formats;
+mod programs;
 mod refusals;
 mod tables;
 mod validation;

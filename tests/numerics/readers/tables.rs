@@ -14,31 +14,13 @@ fn names_of_columns_count_in_any_order_and_spelling() {
         "// normal_z normal_y normal_x label i z y x",
         "# NZ, NY, NX, label, i, z, y, x",
     ] {
-        let file = format!("{head}\n\n1 0 0 -1 text 3 2 1\n1 0 0 1 text 6 5 4\n");
+        let file = format!("{head}\n\n1 0 0 0 text 3 2 1\n1 0 0 1 text 6 5 4\n");
         let (cloud, source) = load(file.as_bytes(), "a.csv").unwrap();
         assert_eq!(cloud.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], "{head}");
         assert_eq!(cloud.normals.unwrap(), [UP, UP]);
-        assert_eq!(cloud.labels.unwrap(), [Label::Exterior, Label::Interior]);
-        assert!(source.warnings.is_empty());
+        assert_eq!(cloud.labels.unwrap(), [Label::Surface, Label::Interior]);
+        assert_eq!(source.warnings[0].code, "labels_used");
     }
-}
-
-#[test]
-fn a_last_column_is_a_label_only_if_every_value_is_one() {
-    let (cloud, _) = load(b"1 2 3 0\n4 5 6 1.0e0\n", "a.xyz").unwrap();
-    assert_eq!(cloud.labels.unwrap(), [Label::Surface, Label::Interior]);
-    let intensity = b"1 2 3 0\n4 5 6 0.5\n";
-    assert_eq!(load(intensity, "a.xyz").unwrap().0.labels, None);
-    assert_eq!(warnings(intensity, "a.xyz"), ["columns_ignored"]);
-}
-
-#[test]
-fn six_columns_are_normals_unless_they_are_colours() {
-    let (cloud, _) = load(b"1 2 3 0 0 1\n4 5 6 0 0 1\n", "a.xyz").unwrap();
-    assert_eq!(cloud.normals.unwrap(), [UP, UP]);
-    let colours = b"1 2 3 0 0 255\n4 5 6 17 0 1\n";
-    assert_eq!(load(colours, "a.xyz").unwrap().0.normals, None);
-    assert_eq!(warnings(colours, "a.xyz"), ["columns_ignored"]);
 }
 
 #[test]
@@ -47,10 +29,7 @@ fn other_first_lines_are_a_count_or_are_skipped() {
     assert_eq!(cloud.points.len(), 2);
     assert!(source.warnings.is_empty());
     assert_eq!(code(b"3\n1 2 3\n4 5 6\n", "a.pts"), "cloud_truncated");
-    assert_eq!(
-        warnings(b"east north up\n1 2 3\n", "a.csv"),
-        ["header_ignored"]
-    );
+    assert_eq!(warnings(b"a b c\n1 2 3\n", "a.csv"), ["header_ignored"]);
 }
 
 #[test]
@@ -58,10 +37,11 @@ fn rows_that_do_not_fit_are_named_by_their_line() {
     for (file, wrong) in [
         ("1 2 3\n\n# note\n4 5\n", 4),
         ("1 2 3\r\n4 5 6 7\r\n", 2),
-        ("x,y,z\n1,2,3\n4,,6\n", 3),
+        ("x,y,z\n1,2,3\n4,5\n", 3),
+        ("1 2 3\n4 5 6\n7 8 9 10\n", 3),
+        ("1 2 3 4\n5 6 7\n8 9 10\n", 1),
         ("1 2 3\n4 five 6\n", 2),
         ("1 2 three\n", 1),
-        ("x y z label\n1 2 3 0\n1 2 3 2\n", 3),
         ("1,5;2,5;3,5\n", 1),
         ("1,5 2,5 3,5\n", 1),
     ] {

@@ -100,7 +100,7 @@ impl<'a> Lines<'a> {
         let keyword = words.next().unwrap_or_default();
         let mut values: Vec<_> = words.take(MAX_COLUMNS + 1).collect();
         let mut take = || std::mem::take(&mut values);
-        match keyword {
+        match keyword.to_ascii_uppercase().as_slice() {
             b"FIELDS" | b"COLUMNS" => self.names = take(),
             b"SIZE" => self.sizes = take(),
             b"TYPE" => self.types = take(),
@@ -118,8 +118,7 @@ impl<'a> Lines<'a> {
                     }
                 }));
             }
-            b"" | b"VERSION" | b"VIEWPOINT" => {}
-            _ if keyword[0] == b'#' => {}
+            b"" | b"VERSION" | b"VIEWPOINT" | [b'#', ..] => {}
             _ => return Err(self.error("expected a keyword of a PCD header", line)),
         }
         Ok(None)

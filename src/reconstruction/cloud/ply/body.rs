@@ -38,9 +38,14 @@ impl<'a> Text<'a> {
         }
     }
 
-    /// The records that follow.
+    /// The records that follow, without the comments that some programs put between them.
     pub(super) fn records(&mut self) -> impl Iterator<Item = Line<'a>> {
-        self.lines.by_ref().filter(|line| !line.bytes.is_empty())
+        let is_comment = |line: &Line<'_>| {
+            let word = line.bytes.split(u8::is_ascii_whitespace).next();
+            matches!(word, Some(b"comment" | b"obj_info"))
+        };
+        let lines = self.lines.by_ref();
+        lines.filter(move |line| !line.bytes.is_empty() && !is_comment(line))
     }
 
     fn value(&mut self) -> Result<f64, Error> {
@@ -53,7 +58,7 @@ impl<'a> Text<'a> {
 impl<'a> Binary<'a> {
     /// The bytes of all records of an element whose records have `size` bytes.
     pub(super) fn records(&mut self, element: &Element, size: usize) -> Result<&'a [u8], Error> {
-        let left = self.rest.len() / size;
+        let left = self.rest.len() / size.max(1);
         if left < element.count {
             return Err(element.truncated(left));
         }

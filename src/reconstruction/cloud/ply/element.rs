@@ -46,7 +46,7 @@ impl Element {
 
     /// Whether these are the vertices.
     pub(in crate::reconstruction) fn is_vertex(&self) -> bool {
-        self.name == "vertex"
+        self.name.eq_ignore_ascii_case("vertex")
     }
 
     /// Bytes of one record; `None` if lists make them vary.

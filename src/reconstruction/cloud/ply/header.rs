@@ -1,24 +1,29 @@
 //! The header of a PLY file: checked and cleaned by us, then parsed by `ply-rs`.
 //!
 //! `ply-rs` 0.1.3 panics on numbers beyond u64, reads lines of any length, merges properties of one
-//! name, and refuses blank lines, indentation and comments that are not UTF-8. So it is shown only
-//! headers of bounded size and plain content.
+//! name, and refuses blank lines, indentation, comments that are not UTF-8 and types that are in use
+//! beside the standard. So it is shown only headers of bounded size and plain content; elements
+//! without properties, which have no data, are kept from it.
+
+use std::collections::HashSet;
 
 use ply_rs::parser::Parser;
 use ply_rs::ply::{DefaultElement, Encoding};
 
 use super::body::{Binary, Body, Text};
-use super::element::Element;
+use super::element::{Element, Kind};
 use crate::reconstruction::cloud::Error;
-use crate::reconstruction::cloud::binary::ByteOrder;
+use crate::reconstruction::cloud::binary::{ByteOrder, Scalar};
 use crate::reconstruction::cloud::columns::Columns;
 use crate::reconstruction::cloud::text::excerpt;
 
 /// Most bytes of a header.
 pub const MAX_HEADER_BYTES: usize = 64 << 10;
+/// Most bytes of a line, comments aside.
 const MAX_LINE: usize = 1 << 10;
 const MAX_ELEMENTS: usize = 16;
-const MAX_PROPERTIES: usize = 64;
+/// Semantics, Gaussian splats and neural features take hundreds.
+const MAX_PROPERTIES: usize = 4096;
 /// Digits of a count; ten are beyond what u32 indices of faces could address.
 const MAX_DIGITS: usize = 10;
 
@@ -35,7 +40,7 @@ pub(in crate::reconstruction) struct Header {
 impl Header {
     /// Reads the header at the start of `bytes`.
     pub(in crate::reconstruction) fn read(bytes: &[u8]) -> Result<Self, Error> {
-        let (cleaned, bytes, lines) = check(bytes)?;
+        let (cleaned, types, bytes, lines) = check(bytes)?;
         let definition = Parser::<DefaultElement>::new()
             .read_header(&mut cleaned.as_bytes())
             // Each line has been accepted by itself: what is left is a contradiction between them.
@@ -44,8 +49,17 @@ impl Header {
                 detail: "expected one format and properties after their elements".to_owned(),
             })?;
         let elements = definition.elements.values().map(Element::new);
+        let mut elements: Vec<_> = elements.collect::<Result<_, _>>()?;
+        for (element, property, scalar) in types {
+            if let Some(property) = elements[element].properties.get_mut(property) {
+                property.kind = match property.kind {
+                    Kind::Scalar(_) => Kind::Scalar(scalar),
+                    Kind::List(length, _) => Kind::List(length, scalar),
+                };
+            }
+        }
         Ok(Self {
-            elements: elements.collect::<Result<_, _>>()?,
+            elements,
             encoding: definition.encoding,
             bytes,
             lines,
@@ -73,8 +87,11 @@ impl Header {
     }
 }
 
-/// What `ply-rs` may see of the header at the start of `bytes`, its bytes and its lines.
-fn check(bytes: &[u8]) -> Result<(String, usize, usize), Error> {
+/// The type of an element's property that `ply-rs` has no word for: element, property, type.
+type OwnType = (usize, usize, Scalar);
+
+/// What `ply-rs` may see of the header at the start of `bytes`, what it may not, bytes and lines.
+fn check(bytes: &[u8]) -> Result<(String, Vec<OwnType>, usize, usize), Error> {
     let mut check = Check::default();
     // Lines end as the first one does; a binary body may begin with any byte, also a line feed.
     let end = match bytes.get(3..5) {
@@ -84,8 +101,13 @@ fn check(bytes: &[u8]) -> Result<(String, usize, usize), Error> {
     let mut position = 0;
     while !check.complete {
         let rest = &bytes[position..bytes.len().min(MAX_HEADER_BYTES)];
-        let Some(length) = rest.iter().take(MAX_LINE).position(|&b| b == end) else {
-            let detail = if rest.len() >= MAX_LINE {
+        let most = if is_comment(rest) {
+            MAX_HEADER_BYTES
+        } else {
+            MAX_LINE
+        };
+        let Some(length) = rest.iter().take(most).position(|&b| b == end) else {
+            let detail = if rest.len() >= most {
                 format!("a line of the header has more than {MAX_LINE} bytes")
             } else if bytes.len() > MAX_HEADER_BYTES {
                 format!("the header has more than {MAX_HEADER_BYTES} bytes")
@@ -97,7 +119,12 @@ fn check(bytes: &[u8]) -> Result<(String, usize, usize), Error> {
         check.line(&rest[..length])?;
         position += length + 1;
     }
-    Ok((check.cleaned, position, check.number))
+    Ok((check.cleaned, check.types, position, check.number))
+}
+
+fn is_comment(line: &[u8]) -> bool {
+    let line = line.trim_ascii_start();
+    line.starts_with(b"comment") || line.starts_with(b"obj_info")
 }
 
 /// The state of the check after some lines.
@@ -106,8 +133,13 @@ struct Check {
     /// What `ply-rs` gets to see, line for line.
     cleaned: String,
     number: usize,
-    /// Names of the elements with the names of their properties.
-    elements: Vec<(String, Vec<String>)>,
+    /// The line of an element that has no properties yet.
+    pending: Option<String>,
+    /// Names of the elements that have properties, with the number of these.
+    elements: Vec<(String, usize)>,
+    /// Names of the properties of the last one.
+    properties: HashSet<String>,
+    types: Vec<OwnType>,
     complete: bool,
 }
 
@@ -124,36 +156,36 @@ impl Check {
         {
             *name = identifier(name);
         }
-        let words: Vec<&str> = words.iter().map(String::as_str).collect();
-        match words[..] {
+        match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
             [] | ["comment" | "obj_info", ..] => {
                 self.cleaned.push_str("comment\n");
                 return Ok(());
             }
             ["ply"] if self.number == 1 => {}
             ["format", _, "1.0"] => {}
-            ["element", name, count] => self.element(name, count, bytes)?,
-            ["property", .., name] => self.property(name, bytes)?,
-            ["end_header"] => {
-                self.has_properties(bytes)?;
-                self.complete = true;
-            }
+            ["element", name, count] => return self.element(name, count, bytes),
+            ["property", ..] => self.property(&mut words, bytes)?,
+            ["end_header"] => self.complete = true,
             _ => return Err(self.error("expected a line of a PLY header", bytes)),
         }
-        let line = words.join(" ");
+        self.show(&words.join(" "), bytes)
+    }
+
+    /// Shows `ply-rs` a line, if it takes it.
+    fn show(&mut self, line: &str, bytes: &[u8]) -> Result<(), Error> {
         if Parser::<DefaultElement>::new()
-            .read_header_line(&line)
+            .read_header_line(line)
             .is_err()
         {
             return Err(self.error("expected a line of a PLY header", bytes));
         }
-        self.cleaned.push_str(&line);
+        self.cleaned.push_str(line);
         self.cleaned.push('\n');
         Ok(())
     }
 
+    /// Keeps an element back until it has a property: without, it has no data.
     fn element(&mut self, name: &str, count: &str, line: &[u8]) -> Result<(), Error> {
-        self.has_properties(line)?;
         if count.len() > MAX_DIGITS || !count.bytes().all(|b| b.is_ascii_digit()) {
             return Err(self.error("expected a count of at most 10 digits", line));
         }
@@ -163,32 +195,40 @@ impl Check {
         if self.elements.iter().any(|(known, _)| known == name) {
             return Err(self.error("two elements of one name", line));
         }
-        self.elements.push((name.to_owned(), Vec::new()));
+        self.pending = Some(format!("element {name} {count}"));
         Ok(())
     }
 
-    fn property(&mut self, name: &str, line: &[u8]) -> Result<(), Error> {
-        let Some((_, properties)) = self.elements.last_mut() else {
+    /// Takes a property, under a name and a type that `ply-rs` tells apart and knows.
+    fn property(&mut self, words: &mut [String], line: &[u8]) -> Result<(), Error> {
+        if let Some(element) = self.pending.take() {
+            self.show(&element, line)?;
+            let name = element.split(' ').nth(1).unwrap_or_default();
+            self.elements.push((name.to_owned(), 0));
+            self.properties.clear();
+        }
+        let element = self.elements.len().checked_sub(1);
+        let Some((element, (_, count))) = element.zip(self.elements.last_mut()) else {
             return Err(self.error("a property before the first element", line));
         };
-        if properties.iter().any(|known| known == name) {
-            return Err(self.error("two properties of one name", line));
+        if *count == MAX_PROPERTIES {
+            return Err(self.error("more than 4096 properties", line));
         }
-        if properties.len() == MAX_PROPERTIES {
-            return Err(self.error("more than 64 properties", line));
+        *count += 1;
+        let property = *count - 1;
+        let [.., kind, name] = words else {
+            return Err(self.error("expected a line of a PLY header", line));
+        };
+        if let Some((scalar, stand_in)) = own_type(kind) {
+            self.types.push((element, property, scalar));
+            stand_in.clone_into(kind);
         }
-        properties.push(name.to_owned());
+        // Of two properties of one name the first counts.
+        if !self.properties.insert(name.clone()) {
+            *name = format!("again_{property}_{name}");
+            self.properties.insert(name.clone());
+        }
         Ok(())
-    }
-
-    /// An element without properties takes no bytes, so that its count could not be bounded.
-    fn has_properties(&self, line: &[u8]) -> Result<(), Error> {
-        match self.elements.last() {
-            Some((_, properties)) if properties.is_empty() => {
-                Err(self.error("the element before has no properties", line))
-            }
-            _ => Ok(()),
-        }
     }
 
     fn error(&self, detail: &str, line: &[u8]) -> Error {
@@ -201,6 +241,17 @@ impl Check {
             detail: format!("{detail}{found}"),
         }
     }
+}
+
+/// Types that are in use beside the standard, and what stands for them before `ply-rs`.
+fn own_type(word: &str) -> Option<(Scalar, &'static str)> {
+    Some(match word {
+        "int64" | "long" | "longlong" => (Scalar::I64, "double"),
+        "uint64" | "ulong" | "ulonglong" => (Scalar::U64, "double"),
+        "bool" | "boolean" => (Scalar::U8, "uchar"),
+        "float16" | "half" => (Scalar::F16, "float"),
+        _ => return None,
+    })
 }
 
 /// A name of a property as `ply-rs` takes it: no dots, and a letter first.

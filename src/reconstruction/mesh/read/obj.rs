@@ -10,7 +10,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
     // OBJ gives normals to corners; they belong to vertices only where the two are numbered alike.
     let mut normals_follow_vertices = true;
     let mut faces = 0;
-    for line in Lines::new(bytes, 0).content() {
+    for line in Lines::new(bytes, 0).joined().content() {
         let mut tokens = line.tokens();
         match tokens.next() {
             Some(b"v") => {
