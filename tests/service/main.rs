@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod faults;
+mod format_jobs;
 mod full_disk;
 mod http_clouds;
 mod http_contract;
