@@ -14,6 +14,7 @@ use tokio::sync::Semaphore;
 
 use super::download::{Content, hex};
 use super::error::{ApiError, Code, Result};
+use super::own_files::{is_encoding, remove_files};
 use crate::jobs::{MeshInfo, Store};
 use crate::reconstruction::mesh::read;
 use crate::reconstruction::mesh::write::{Format, write};
@@ -58,7 +59,7 @@ impl Encoded {
 impl MeshCache {
     /// A cache in `folder`. What an earlier process left there is erased: nobody knows its hashes.
     pub(super) fn new(folder: PathBuf) -> Self {
-        if let Err(error) = fs::remove_dir_all(&folder)
+        if let Err(error) = remove_files(&folder, |name, _| is_encoding(name))
             && error.kind() != io::ErrorKind::NotFound
         {
             tracing::warn!(error.message = %error, "the cache cannot be emptied");

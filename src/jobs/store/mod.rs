@@ -17,6 +17,7 @@ mod jobs;
 mod leases;
 mod meshes;
 mod metrics;
+mod origin;
 mod outcome;
 mod row;
 mod shredder;
@@ -39,6 +40,7 @@ pub use checkpoints::Checkpoint;
 pub use events::Event;
 pub use idempotency::{Idempotency, IdempotencyState, StoredResponse};
 pub use meshes::{MESH_CHUNK_BYTES, MeshInfo};
+pub use origin::is_ours;
 
 use super::Result;
 use super::clock::{self, Clock};
