@@ -20,7 +20,9 @@ use super::results::{Found, found};
 use super::time;
 use super::upload::{self, JSON_LIMIT, Payload, Upload, receive};
 use super::wait::Wish;
-use crate::jobs::{Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse};
+use crate::jobs::{
+    Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject,
+};
 
 /// `POST /v1/jobs`: for a cloud that is here, or with the cloud itself.
 pub(super) async fn create(
@@ -136,7 +138,7 @@ pub(super) async fn cancel(
     };
     let job = found(app.store.request_cancel(&id).await?)?;
     let response = answer(StatusCode::OK, &job, None);
-    attempt.keep(response, Some(&job.id)).await
+    attempt.keep(response, Some(Subject::Job(job.id))).await
 }
 
 /// `POST /v1/jobs/{id}/retry`: a new job from one that has ended.
@@ -178,6 +180,7 @@ pub(super) async fn erase(
     Id(id): Id<JobId>,
 ) -> Result<StatusCode> {
     found(app.store.delete_job(&id, "deleted").await?)?;
+    app.meshes.erase(&id);
     app.feed.erased(id);
     Ok(StatusCode::NO_CONTENT)
 }

@@ -11,7 +11,7 @@ use super::accept::preferred;
 use super::download::{Content, Download};
 use super::error::{ApiError, Code, Result};
 use super::extract::NoQuery;
-use super::results::{Found, Succeeded};
+use super::results::{Found, Succeeded, found};
 use super::time::rfc3339;
 use crate::jobs::{Job, MeshInfo};
 use crate::reconstruction::mesh::write::Format;
@@ -124,7 +124,7 @@ pub(super) async fn model(
 /// The mesh of an evaluation, 0 for the result, as a download.
 ///
 /// # Errors
-/// [`Code::NotFound`], and those of encoding and download.
+/// [`Code::NotFound`], [`Code::Gone`], and those of encoding and download.
 pub(super) async fn respond(
     app: &AppState,
     job: &Job,
@@ -134,7 +134,7 @@ pub(super) async fn respond(
 ) -> Result<Response> {
     let mesh = app.store.mesh_info(&job.id, evaluation).await?;
     let mesh = mesh.ok_or_else(|| ApiError::not_found("mesh"))?;
-    let file = app.meshes.get(&app.store, &mesh, format).await?;
+    let file = app.meshes.get(&app.store, job, &mesh, format).await?;
     let stem = match evaluation {
         0 => job.id.to_string(),
         evaluation => format!("{}-{evaluation}", job.id),
@@ -145,7 +145,11 @@ pub(super) async fn respond(
         media_type: format.media_type(),
         file_name: format!("{stem}.{}", format.extension()),
     };
-    download.respond(headers).await
+    match download.respond(headers).await {
+        Ok(response) => Ok(response),
+        // The file is gone where the job was erased since it was found.
+        Err(error) => found(app.store.job(&job.id).await?).and(Err(error)),
+    }
 }
 
 /// The format that the client names or accepts.

@@ -43,6 +43,7 @@ pub use id::{CloudId, InvalidId, JobId};
 pub use job::{Counts, Job, JobFilter, Lookup, NewJob, Status, Tombstone};
 pub use store::{
     Checkpoint, Event, Idempotency, IdempotencyState, MeshInfo, Options, Store, StoredResponse,
+    Subject,
 };
 
 pub use supervisor::{Supervisor, Workers};

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod data_folder;
+mod erasure;
 mod faults;
 mod format_jobs;
 mod full_disk;
@@ -25,6 +26,7 @@ mod store_catalogue;
 mod store_content;
 mod store_life;
 mod store_machine;
+mod store_migrations;
 mod store_support;
 mod store_writer;
 mod wire;

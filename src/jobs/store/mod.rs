@@ -38,7 +38,7 @@ use tokio::sync::watch;
 
 pub use checkpoints::Checkpoint;
 pub use events::Event;
-pub use idempotency::{Idempotency, IdempotencyState, StoredResponse};
+pub use idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};
 pub use meshes::{MESH_CHUNK_BYTES, MeshInfo};
 pub use origin::is_ours;
 
@@ -201,6 +201,10 @@ async fn migrate(db: &mut SqliteConnection) -> Result<()> {
         (
             "erased_clouds",
             include_str!("../../../migrations/0002_erased_clouds.sql"),
+        ),
+        (
+            "answers_about_clouds",
+            include_str!("../../../migrations/0003_answers_about_clouds.sql"),
         ),
     ];
     let migrator = Migrator::with_migrations(
