@@ -21,7 +21,7 @@ use super::time;
 use super::upload::{self, JSON_LIMIT, Payload, Upload, receive};
 use super::wait::Wish;
 use crate::jobs::{
-    Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject,
+    Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject, Verdict,
 };
 
 /// `POST /v1/jobs`: for a cloud that is here, or with the cloud itself.
@@ -69,8 +69,8 @@ pub(super) async fn create(
     wish.answer(&app, job).await
 }
 
-/// `GET /v1/jobs`: newest first, filtered by `status`, `label` (`key:value`), `cloud_id` and
-/// `created_after`.
+/// `GET /v1/jobs`: newest first, filtered by `status`, `label` (`key:value`), `cloud_id`, `verdict`
+/// and `created_after`.
 pub(super) async fn list(
     State(app): State<AppState>,
     uri: Uri,
@@ -90,6 +90,12 @@ pub(super) async fn list(
                 .split_once(':')
                 .ok_or("must have the form key:value")?;
             Ok((key.to_owned(), value.to_owned()))
+        }),
+        verdict: query.take("verdict", |name| {
+            Verdict::from_name(&name).ok_or_else(|| {
+                let names = Verdict::ALL.map(Verdict::name).join(", ");
+                format!("must be one of {names}")
+            })
         }),
         created_after: query.take("created_after", |value| time::parse(&value)),
     };

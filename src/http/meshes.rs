@@ -2,7 +2,7 @@
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, Uri, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
 
@@ -13,8 +13,11 @@ use super::error::{ApiError, Code, Result};
 use super::extract::NoQuery;
 use super::results::{Found, Succeeded, found};
 use super::time::rfc3339;
-use crate::jobs::{Job, MeshInfo};
+use crate::jobs::{Job, MeshInfo, Verdict};
 use crate::reconstruction::mesh::write::Format;
+
+/// Header that says how far the mesh can be relied on.
+const VERDICT: HeaderName = HeaderName::from_static("meshway-verdict");
 
 /// What a mesh may be asked for by `Accept`; the first one is given when all are the same to the
 /// client. PLY and OFF have no registered type, so theirs are not the only ones that are understood.
@@ -146,6 +149,7 @@ pub(super) async fn respond(
         file_name: format!("{stem}.{}", format.extension()),
     };
     match download.respond(headers).await {
+        Ok(response) if evaluation == 0 => Ok(judged(response, job)),
         Ok(response) => Ok(response),
         // The file is gone where the job was erased since it was found.
         Err(error) => found(app.store.job(&job.id).await?).and(Err(error)),
@@ -186,6 +190,15 @@ fn by_ending(ending: &str) -> Option<Format> {
 fn no_format() -> ApiError {
     let endings = ENDINGS.map(|(name, _)| name).join(", ");
     ApiError::new(Code::NotFound, format!("the formats are {endings}"))
+}
+
+/// The result with the verdict on it, where its report has one.
+fn judged(mut response: Response, job: &Job) -> Response {
+    if let Some(verdict) = job.report.as_ref().and_then(Verdict::of) {
+        let verdict = HeaderValue::from_static(verdict.name());
+        response.headers_mut().insert(VERDICT, verdict);
+    }
+    response
 }
 
 /// What stands after the last slash: the stem, and the ending behind its dot.

@@ -18,6 +18,7 @@ mod http_meshes;
 mod http_support;
 mod http_system;
 mod http_uploads;
+mod http_verdicts;
 mod http_waits;
 mod server;
 mod soak;

@@ -206,6 +206,10 @@ async fn migrate(db: &mut SqliteConnection) -> Result<()> {
             "answers_about_clouds",
             include_str!("../../../migrations/0003_answers_about_clouds.sql"),
         ),
+        (
+            "jobs_by_verdict",
+            include_str!("../../../migrations/0004_jobs_by_verdict.sql"),
+        ),
     ];
     let migrator = Migrator::with_migrations(
         (1..)

@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::jobs::{Cloud, FailureReason, Fault, NewMesh, Problem};
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::mesh::write::{Format, write};
-use crate::reconstruction::{Error, Input, Observer, Settings, cloud, reconstruct};
+use crate::reconstruction::{Error, Event, Input, Observer, Settings, cloud, reconstruct};
 
 /// Does the work of one attempt, on a thread of its own.
 pub type Work = dyn Fn(&Assignment, &dyn Observer) -> Result<Product, Failure> + Send + Sync;
@@ -95,8 +95,11 @@ pub fn reconstruction(
         max_expanded_bytes: usize::MAX,
         max_expansion: f64::INFINITY,
     };
-    let (points, _) = cloud::read(&bytes, Some(&name), &limits).map_err(Error::from)?;
+    let (points, source) = cloud::read(&bytes, Some(&name), &limits).map_err(Error::from)?;
     drop(bytes);
+    for warning in &source.warnings {
+        observer.event(Event::Warning(warning));
+    }
     let mut result = reconstruct(&points, &assignment.settings, observer)?;
     result.report.inputs = vec![Input {
         name: String::new(),
@@ -104,6 +107,7 @@ pub fn reconstruction(
         bytes: assignment.cloud.bytes,
         points: points.points.len(),
     }];
+    result.report.warnings.splice(0..0, source.warnings);
     Ok(Product {
         mesh: result.mesh,
         report: serde_json::to_value(&result.report).map_err(Failure::internal)?,
