@@ -83,21 +83,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::Usage(problems.join("\n")));
     }
     logging::start(config.log_format, &config.log)?;
-    let folder = DataFolder::take(&config.data_dir)?;
     let runtime = tokio::runtime::Runtime::new()
         .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
-    let result = runtime.block_on(serve(arguments, &folder, cores));
+    let result = runtime.block_on(serve(arguments, cores));
     // What still runs after the drain is not waited for.
     runtime.shutdown_background();
     result
 }
 
-async fn serve(
-    arguments: &Arguments,
-    folder: &DataFolder<'_>,
-    cores: usize,
-) -> Result<(), Failure> {
+async fn serve(arguments: &Arguments, cores: usize) -> Result<(), Failure> {
     let config = &arguments.config;
+    let folder = DataFolder::take(&config.data_dir).await?;
     let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
     let options = store::Options {
         queue_limit: config.queue_limit.into(),

@@ -29,7 +29,8 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_LISTEN", default_value = "127.0.0.1:8080")]
     pub listen: SocketAddr,
 
-    /// Folder for the database and the uploaded clouds; made if it is missing.
+    /// Folder for the database and the uploaded clouds; made if it is missing. A folder with other
+    /// things in it is refused.
     #[arg(long, env = "MESHWAY_DATA_DIR", default_value = "meshway-data")]
     pub data_dir: PathBuf,
 

@@ -16,7 +16,7 @@ use super::idempotency::{self, Begun};
 use super::page::{Page, PageOf};
 use super::time::rfc3339;
 use super::upload::{Payload, receive};
-use crate::jobs::{Cloud, CloudDeletion, CloudId};
+use crate::jobs::{Cloud, CloudDeletion, CloudId, Subject};
 
 /// `POST /v1/clouds`: 201, or 200 when the same bytes are here already.
 pub(super) async fn create(
@@ -43,7 +43,7 @@ pub(super) async fn create(
     };
     let location = [(LOCATION, format!("/v1/clouds/{}", cloud.id))];
     let response = (status, location, Json(represent(&cloud))).into_response();
-    attempt.keep(response, None).await
+    attempt.keep(response, Some(Subject::Cloud(cloud.id))).await
 }
 
 /// `GET /v1/clouds`: newest first.

@@ -37,7 +37,7 @@ impl Disk {
     pub fn new(config: &Config) -> Self {
         Self {
             folder: config.data_dir.clone(),
-            reserve_bytes: config.disk_reserve_mib * MIB,
+            reserve_bytes: config.disk_reserve_mib.saturating_mul(MIB),
             reserve_percent: u64::from(config.disk_reserve_percent),
             last: Mutex::new(None),
         }

@@ -194,7 +194,7 @@ async fn open(
     after: std::result::Result<i64, Reset>,
 ) -> Result<Response> {
     let listener = app.feed.listen().await?;
-    let mut frames = VecDeque::from([Bytes::from(format!("retry: {RETRY_MILLISECONDS}\n\n"))]);
+    let mut frames = VecDeque::from([Bytes::from(format!("retry: {RETRY_MILLISECONDS}\n"))]);
     let (last, ended) = match after {
         Ok(id) => (id, false),
         Err(reset) => {
@@ -323,7 +323,7 @@ impl Subscription {
 
     /// A sign of life; a stream that lagged behind may not have heard that its job was erased.
     async fn comment(&mut self) {
-        self.frames.push_back(Bytes::from_static(b": alive\n\n"));
+        self.frames.push_back(Bytes::from_static(b": alive\n"));
         if let Some(job) = &self.job {
             let lookup = self.app.store.job(job).await;
             self.ended = !matches!(lookup, Ok(Lookup::Found(_)));

@@ -14,7 +14,7 @@ use sha2::{Digest, Sha256};
 use super::AppState;
 use super::error::{ApiError, Code, Result};
 use super::extract::header;
-use crate::jobs::{self, Idempotency, IdempotencyState, Job, JobId, StoredResponse};
+use crate::jobs::{self, Idempotency, IdempotencyState, Job, StoredResponse, Subject};
 
 /// The header that carries the key.
 pub(super) const KEY: HeaderName = HeaderName::from_static("idempotency-key");
@@ -97,7 +97,7 @@ impl Request {
     ///
     /// # Errors
     /// [`Code::IdempotencyInFlight`], [`Code::IdempotencyMismatch`], [`Code::Gone`] where the
-    /// answer was a job that was erased since, and those of the store.
+    /// answer was a job or a cloud that was erased since, and those of the store.
     pub(super) async fn begin(self, app: &AppState) -> Result<Begun> {
         let Some(key) = self.key else {
             return Ok(Begun::New(Attempt(None)));
@@ -115,6 +115,7 @@ impl Request {
             })))),
             IdempotencyState::Replay(stored) => replay(stored).map(Begun::Replay),
             IdempotencyState::Gone(tombstone) => Err(ApiError::gone("job", &tombstone)),
+            IdempotencyState::CloudGone(tombstone) => Err(ApiError::gone("cloud", &tombstone)),
             IdempotencyState::InFlight => Err(ApiError::new(
                 Code::IdempotencyInFlight,
                 "the first request with this Idempotency-Key is being worked on",
@@ -164,14 +165,14 @@ impl Attempt {
         self.0 = None;
     }
 
-    /// Keeps an answer and gives it back; one that tells of a job is erased with it.
+    /// Keeps an answer and gives it back; one that tells of a job or a cloud is emptied with it.
     ///
     /// # Errors
     /// Those of the store.
     pub(super) async fn keep(
         mut self,
         response: Response,
-        job: Option<&JobId>,
+        subject: Option<Subject>,
     ) -> Result<Response> {
         let Some(open) = self.0.as_ref() else {
             return Ok(response);
@@ -191,7 +192,7 @@ impl Attempt {
         let kept = open
             .app
             .store
-            .idempotency_complete(&open.key, &open.scope, job, stored)
+            .idempotency_complete(&open.key, &open.scope, subject, stored)
             .await;
         match kept {
             // Pruned meanwhile: the work is done all the same.

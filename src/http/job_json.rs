@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 use super::download::{hex, none_match};
 use super::error::{ApiError, Result, problem_of};
 use super::time::rfc3339;
-use crate::jobs::Job;
+use crate::jobs::{Job, assessment};
 
 /// Header that says which preference was honoured (RFC 7240).
 pub(super) const PREFERENCE_APPLIED: HeaderName = HeaderName::from_static("preference-applied");
@@ -55,6 +55,9 @@ pub(super) fn represent(job: &Job, queue_position: Option<u64>) -> Value {
             "field": format!("{url}/field"),
         },
     });
+    if let Some(document) = document.as_object_mut() {
+        document.extend(assessment::members(job.report.as_ref()));
+    }
     if !job.cloud_erased {
         document["links"]["cloud"] = format!("/v1/clouds/{}", job.cloud_id).into();
     }

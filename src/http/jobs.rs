@@ -20,7 +20,9 @@ use super::results::{Found, found};
 use super::time;
 use super::upload::{self, JSON_LIMIT, Payload, Upload, receive};
 use super::wait::Wish;
-use crate::jobs::{Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse};
+use crate::jobs::{
+    Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject, Verdict,
+};
 
 /// `POST /v1/jobs`: for a cloud that is here, or with the cloud itself.
 pub(super) async fn create(
@@ -67,8 +69,8 @@ pub(super) async fn create(
     wish.answer(&app, job).await
 }
 
-/// `GET /v1/jobs`: newest first, filtered by `status`, `label` (`key:value`), `cloud_id` and
-/// `created_after`.
+/// `GET /v1/jobs`: newest first, filtered by `status`, `label` (`key:value`), `cloud_id`, `verdict`
+/// and `created_after`.
 pub(super) async fn list(
     State(app): State<AppState>,
     uri: Uri,
@@ -88,6 +90,12 @@ pub(super) async fn list(
                 .split_once(':')
                 .ok_or("must have the form key:value")?;
             Ok((key.to_owned(), value.to_owned()))
+        }),
+        verdict: query.take("verdict", |name| {
+            Verdict::from_name(&name).ok_or_else(|| {
+                let names = Verdict::ALL.map(Verdict::name).join(", ");
+                format!("must be one of {names}")
+            })
         }),
         created_after: query.take("created_after", |value| time::parse(&value)),
     };
@@ -136,7 +144,7 @@ pub(super) async fn cancel(
     };
     let job = found(app.store.request_cancel(&id).await?)?;
     let response = answer(StatusCode::OK, &job, None);
-    attempt.keep(response, Some(&job.id)).await
+    attempt.keep(response, Some(Subject::Job(job.id))).await
 }
 
 /// `POST /v1/jobs/{id}/retry`: a new job from one that has ended.
@@ -178,6 +186,7 @@ pub(super) async fn erase(
     Id(id): Id<JobId>,
 ) -> Result<StatusCode> {
     found(app.store.delete_job(&id, "deleted").await?)?;
+    app.meshes.erase(&id);
     app.feed.erased(id);
     Ok(StatusCode::NO_CONTENT)
 }

@@ -3,18 +3,20 @@
 //! The canonical mesh is in the database. A file makes ranges, resumed downloads and a strong `ETag`
 //! the same for all formats, at the price of one encoding.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use sha2::{Digest, Sha256};
 use tokio::sync::Semaphore;
 
 use super::download::{Content, hex};
 use super::error::{ApiError, Code, Result};
-use crate::jobs::{MeshInfo, Store};
+use super::own_files::{is_encoding, remove_files};
+use super::results::found;
+use crate::jobs::{Job, JobId, MeshInfo, Store};
 use crate::reconstruction::mesh::read;
 use crate::reconstruction::mesh::write::{Format, write};
 
@@ -26,14 +28,24 @@ pub(super) struct MeshCache {
     folder: PathBuf,
     kept: Mutex<Kept>,
     /// One encoding at a time: a mesh of ten million triangles takes about a gigabyte meanwhile.
-    turn: Semaphore,
+    turn: Arc<Semaphore>,
 }
 
 /// Which files there are; a count of uses tells the oldest.
 #[derive(Default)]
 struct Kept {
-    files: HashMap<(String, Format), (Encoded, u64)>,
+    files: HashMap<Key, Entry>,
     uses: u64,
+}
+
+/// Hash of the canonical mesh, and the format.
+type Key = (String, Format);
+
+struct Entry {
+    file: Encoded,
+    /// Jobs that have this mesh and for which it was asked: the file goes with the last one.
+    jobs: BTreeSet<JobId>,
+    last_use: u64,
 }
 
 /// An encoded mesh.
@@ -53,12 +65,21 @@ impl Encoded {
             bytes: self.bytes,
         }
     }
+
+    fn erase(&self) {
+        if let Err(error) = fs::remove_file(&self.path)
+            && error.kind() != io::ErrorKind::NotFound
+        {
+            // The next start erases what is left.
+            tracing::warn!(error.message = %error, "a cached mesh cannot be erased");
+        }
+    }
 }
 
 impl MeshCache {
     /// A cache in `folder`. What an earlier process left there is erased: nobody knows its hashes.
     pub(super) fn new(folder: PathBuf) -> Self {
-        if let Err(error) = fs::remove_dir_all(&folder)
+        if let Err(error) = remove_files(&folder, |name, _| is_encoding(name))
             && error.kind() != io::ErrorKind::NotFound
         {
             tracing::warn!(error.message = %error, "the cache cannot be emptied");
@@ -66,73 +87,126 @@ impl MeshCache {
         Self {
             folder,
             kept: Mutex::default(),
-            turn: Semaphore::new(1),
+            turn: Arc::new(Semaphore::new(1)),
         }
     }
 
     /// Bytes of all files.
     pub(super) fn bytes(&self) -> u64 {
-        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.files.values().map(|(file, _)| file.bytes).sum()
+        self.kept()
+            .files
+            .values()
+            .map(|entry| entry.file.bytes)
+            .sum()
     }
 
-    /// The mesh in the format.
+    /// A mesh of the job in the format.
     ///
     /// # Errors
-    /// [`Code::NotFound`] when it was erased meanwhile, [`Code::InsufficientStorage`], and those of
-    /// the store.
+    /// [`Code::NotFound`] and [`Code::Gone`] when it was erased meanwhile,
+    /// [`Code::InsufficientStorage`], and those of the store.
     pub(super) async fn get(
-        &self,
+        self: &Arc<Self>,
         store: &Store,
+        job: &Job,
         mesh: &MeshInfo,
         format: Format,
     ) -> Result<Encoded> {
         let key = (mesh.sha256.clone(), format);
-        if let Some(file) = self.find(&key) {
+        if let Some(file) = self.kept().used_by(&key, &job.id) {
             return Ok(file);
         }
-        let _turn = self.turn.acquire().await.map_err(ApiError::internal)?;
-        if let Some(file) = self.find(&key) {
-            return Ok(file);
-        }
+        let turn = Arc::clone(&self.turn).acquire_owned().await;
+        let turn = turn.map_err(ApiError::internal)?;
+        let (cache, store) = (Arc::clone(self), store.clone());
+        let (job, mesh) = (job.id.clone(), mesh.clone());
+        // A task of its own goes on when the client hangs up: a file that nobody knows of would
+        // outlive its job.
+        let work = tokio::spawn(async move {
+            let _turn = turn;
+            let adopted = cache.kept().adopt(&key, &job);
+            let file = match adopted {
+                Some(file) => file,
+                None => cache.make(&store, &mesh, key, &job).await?,
+            };
+            // Erasing takes the rows first, then the files: one of the two sees the other.
+            let there = store.job(&job).await.map_err(ApiError::from);
+            match there.and_then(found) {
+                Ok(_) => Ok(file),
+                Err(error) => {
+                    cache.erase(&job);
+                    Err(error)
+                }
+            }
+        });
+        work.await.map_err(ApiError::internal)?
+    }
+
+    /// Erases the files of a job's meshes that no other job has; its rows must be gone before.
+    pub(super) fn erase(&self, job: &JobId) {
+        self.kept().files.retain(|_, entry| {
+            let last = entry.jobs.remove(job) && entry.jobs.is_empty();
+            if last {
+                entry.file.erase();
+            }
+            !last
+        });
+    }
+
+    async fn make(&self, store: &Store, mesh: &MeshInfo, key: Key, job: &JobId) -> Result<Encoded> {
         let ply = canonical(store, mesh).await?;
         let folder = self.folder.clone();
-        let name = format!("{}.{}", mesh.sha256, format.name());
+        let (hash, format) = key.clone();
+        let name = format!("{hash}.{}", format.name());
         let encoded = tokio::task::spawn_blocking(move || encode(&ply, format, &folder, &name));
         let file = encoded.await.map_err(ApiError::internal)??;
-        self.keep(key, file.clone());
+        self.kept().keep(key, file.clone(), job);
         Ok(file)
     }
 
-    fn find(&self, key: &(String, Format)) -> Option<Encoded> {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.uses += 1;
-        let uses = kept.uses;
-        let (file, last) = kept.files.get_mut(key)?;
-        *last = uses;
-        Some(file.clone())
+    fn kept(&self) -> MutexGuard<'_, Kept> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Kept {
+    /// The file, if it was asked for by this job before.
+    fn used_by(&mut self, key: &Key, job: &JobId) -> Option<Encoded> {
+        self.uses += 1;
+        let entry = self.files.get_mut(key)?;
+        entry.jobs.contains(job).then(|| {
+            entry.last_use = self.uses;
+            entry.file.clone()
+        })
+    }
+
+    /// The file, which another job with the same mesh may have asked for; from now on this one has.
+    fn adopt(&mut self, key: &Key, job: &JobId) -> Option<Encoded> {
+        self.files.get_mut(key)?.jobs.insert(job.clone());
+        self.used_by(key, job)
     }
 
     /// Keeps a file, and drops those that were not used for the longest time. Downloads under way
     /// read on: an open file stays until it is closed.
-    fn keep(&self, key: (String, Format), file: Encoded) {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut total: u64 = kept.files.values().map(|(file, _)| file.bytes).sum();
+    fn keep(&mut self, key: Key, file: Encoded, job: &JobId) {
+        let mut total: u64 = self.files.values().map(|entry| entry.file.bytes).sum();
         while total > LIMIT_BYTES {
-            let oldest = kept.files.iter().min_by_key(|(_, (_, last))| *last);
+            let oldest = self.files.iter().min_by_key(|(_, entry)| entry.last_use);
             let Some(oldest) = oldest.map(|(key, _)| key.clone()) else {
                 break;
             };
-            if let Some((file, _)) = kept.files.remove(&oldest) {
-                total -= file.bytes;
-                if let Err(error) = fs::remove_file(&file.path) {
-                    tracing::warn!(error.message = %error, "a cached mesh cannot be erased");
-                }
+            if let Some(entry) = self.files.remove(&oldest) {
+                total -= entry.file.bytes;
+                entry.file.erase();
             }
         }
-        kept.uses += 1;
-        let uses = kept.uses;
-        kept.files.insert(key, (file, uses));
+        self.uses += 1;
+        let entry = Entry {
+            file,
+            jobs: BTreeSet::from([job.clone()]),
+            last_use: self.uses,
+        };
+        self.files.insert(key, entry);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, Uri, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
 
@@ -11,10 +11,13 @@ use super::accept::preferred;
 use super::download::{Content, Download};
 use super::error::{ApiError, Code, Result};
 use super::extract::NoQuery;
-use super::results::{Found, Succeeded};
+use super::results::{Found, Succeeded, found};
 use super::time::rfc3339;
-use crate::jobs::{Job, MeshInfo};
+use crate::jobs::{Job, MeshInfo, Verdict};
 use crate::reconstruction::mesh::write::Format;
+
+/// Header that says how far the mesh can be relied on.
+const VERDICT: HeaderName = HeaderName::from_static("meshway-verdict");
 
 /// What a mesh may be asked for by `Accept`; the first one is given when all are the same to the
 /// client. PLY and OFF have no registered type, so theirs are not the only ones that are understood.
@@ -124,7 +127,7 @@ pub(super) async fn model(
 /// The mesh of an evaluation, 0 for the result, as a download.
 ///
 /// # Errors
-/// [`Code::NotFound`], and those of encoding and download.
+/// [`Code::NotFound`], [`Code::Gone`], and those of encoding and download.
 pub(super) async fn respond(
     app: &AppState,
     job: &Job,
@@ -134,7 +137,7 @@ pub(super) async fn respond(
 ) -> Result<Response> {
     let mesh = app.store.mesh_info(&job.id, evaluation).await?;
     let mesh = mesh.ok_or_else(|| ApiError::not_found("mesh"))?;
-    let file = app.meshes.get(&app.store, &mesh, format).await?;
+    let file = app.meshes.get(&app.store, job, &mesh, format).await?;
     let stem = match evaluation {
         0 => job.id.to_string(),
         evaluation => format!("{}-{evaluation}", job.id),
@@ -145,7 +148,12 @@ pub(super) async fn respond(
         media_type: format.media_type(),
         file_name: format!("{stem}.{}", format.extension()),
     };
-    download.respond(headers).await
+    match download.respond(headers).await {
+        Ok(response) if evaluation == 0 => Ok(judged(response, job)),
+        Ok(response) => Ok(response),
+        // The file is gone where the job was erased since it was found.
+        Err(error) => found(app.store.job(&job.id).await?).and(Err(error)),
+    }
 }
 
 /// The format that the client names or accepts.
@@ -182,6 +190,15 @@ fn by_ending(ending: &str) -> Option<Format> {
 fn no_format() -> ApiError {
     let endings = ENDINGS.map(|(name, _)| name).join(", ");
     ApiError::new(Code::NotFound, format!("the formats are {endings}"))
+}
+
+/// The result with the verdict on it, where its report has one.
+fn judged(mut response: Response, job: &Job) -> Response {
+    if let Some(verdict) = job.report.as_ref().and_then(Verdict::of) {
+        let verdict = HeaderValue::from_static(verdict.name());
+        response.headers_mut().insert(VERDICT, verdict);
+    }
+    response
 }
 
 /// What stands after the last slash: the stem, and the ending behind its dot.

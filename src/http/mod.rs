@@ -26,6 +26,7 @@ mod mesh_cache;
 mod meshes;
 mod observe;
 mod origin;
+pub mod own_files;
 mod page;
 mod results;
 mod server;

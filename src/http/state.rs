@@ -46,7 +46,7 @@ pub struct App {
     /// Jobs, workers and storage, for Prometheus.
     pub(super) gauges: Arc<Gauges>,
     /// Meshes as files, for downloads.
-    pub(super) meshes: MeshCache,
+    pub(super) meshes: Arc<MeshCache>,
     /// Training series that may be written out at the same time.
     pub(super) series: Semaphore,
     /// Requests for values of a field that may be computed at the same time.
@@ -81,7 +81,7 @@ impl App {
         Arc::new(Self {
             feed,
             gauges,
-            meshes: MeshCache::new(config.data_dir.join("cache")),
+            meshes: Arc::new(MeshCache::new(config.data_dir.join("cache"))),
             series: Semaphore::new(4),
             evaluations: Semaphore::new(1),
             disk: Disk::new(&config),

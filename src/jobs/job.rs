@@ -6,6 +6,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::assessment::Verdict;
 use super::attempt::{FailureReason, Problem};
 use super::{CloudId, JobId};
 use crate::reconstruction::{Phase, Preset, Settings};
@@ -162,6 +163,8 @@ pub struct JobFilter {
     pub cloud_id: Option<CloudId>,
     /// Only jobs that carry this label with this value.
     pub label: Option<(String, String)>,
+    /// Only jobs whose report gives this verdict on their mesh.
+    pub verdict: Option<Verdict>,
     /// Only jobs submitted later than this, in milliseconds since the epoch.
     pub created_after: Option<i64>,
 }

@@ -24,6 +24,7 @@
 //!   stops every writer, the second keeps the log from being checkpointed.
 //! - **SQL lives in [`store`] only**, and the clock is an argument of the store.
 
+pub mod assessment;
 mod attempt;
 pub mod clock;
 mod cloud;
@@ -34,6 +35,7 @@ pub mod store;
 pub mod supervisor;
 pub mod worker;
 
+pub use assessment::Verdict;
 pub use attempt::{
     Claim, FailureReason, Fault, Lease, NewEvent, NewMesh, Problem, Record, Success,
 };
@@ -43,6 +45,7 @@ pub use id::{CloudId, InvalidId, JobId};
 pub use job::{Counts, Job, JobFilter, Lookup, NewJob, Status, Tombstone};
 pub use store::{
     Checkpoint, Event, Idempotency, IdempotencyState, MeshInfo, Options, Store, StoredResponse,
+    Subject,
 };
 
 pub use supervisor::{Supervisor, Workers};

@@ -1,7 +1,10 @@
 //! Tests of the service. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod data_folder;
+mod erasure;
 mod faults;
+mod format_jobs;
 mod full_disk;
 mod http_clouds;
 mod http_contract;
@@ -15,6 +18,7 @@ mod http_meshes;
 mod http_support;
 mod http_system;
 mod http_uploads;
+mod http_verdicts;
 mod http_waits;
 mod server;
 mod soak;
@@ -23,6 +27,7 @@ mod store_catalogue;
 mod store_content;
 mod store_life;
 mod store_machine;
+mod store_migrations;
 mod store_support;
 mod store_writer;
 mod wire;

@@ -90,30 +90,7 @@ impl Folder {
     /// Starts a server and waits until it listens.
     pub(crate) async fn serve(&self, flags: &[&str]) -> Server {
         let log = unused(&self.path().join("log"));
-        let child = Command::new(PROGRAM)
-            .args(["serve", "--listen=127.0.0.1:0", "--disk-reserve-mib=0"])
-            .args(["--disk-reserve-percent=0", "--data-dir"])
-            .arg(self.path())
-            .args(flags)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(File::create(&log).unwrap())
-            .spawn()
-            .unwrap();
-        let mut server = Server { child, log };
-        until("the server listens", PATIENCE, async || {
-            assert!(
-                server.child.try_wait().unwrap().is_none(),
-                "{}",
-                server.log()
-            );
-            server
-                .log()
-                .contains("listening on http://127.0.0.1:")
-                .then_some(())
-        })
-        .await;
-        server
+        Server::start(self.path(), log, flags).await
     }
 
     /// Puts a job into the queue, with settings that differ from those of a quick run.
@@ -197,6 +174,29 @@ pub(crate) struct Server {
 }
 
 impl Server {
+    /// Starts a server in a folder, with its log elsewhere, and waits until it listens.
+    pub(crate) async fn start(folder: &Path, log: PathBuf, flags: &[&str]) -> Self {
+        let child = Command::new(PROGRAM)
+            .args(["serve", "--listen=127.0.0.1:0", "--disk-reserve-mib=0"])
+            .args(["--disk-reserve-percent=0", "--data-dir"])
+            .arg(folder)
+            .args(flags)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(File::create(&log).unwrap())
+            .spawn()
+            .unwrap();
+        let mut server = Self { child, log };
+        until("the server listens", PATIENCE, async || {
+            let ended = server.child.try_wait().unwrap();
+            assert!(ended.is_none(), "{}", server.log());
+            let listens = server.log().contains("listening on http://127.0.0.1:");
+            listens.then_some(())
+        })
+        .await;
+        server
+    }
+
     pub(crate) fn log(&self) -> String {
         fs::read_to_string(&self.log).unwrap_or_default()
     }

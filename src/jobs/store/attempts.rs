@@ -6,7 +6,7 @@ use super::Store;
 use super::outcome::{Fence, Outcome};
 use super::row::integer;
 use super::writer::Transaction;
-use crate::jobs::{Claim, Error, JobId, NewMesh, Record, Result, Success};
+use crate::jobs::{Claim, Error, JobId, NewMesh, Record, Result, Success, assessment};
 use crate::reconstruction::Phase;
 
 impl Store {
@@ -64,12 +64,18 @@ impl Store {
                 tx.record(&id, attempt, &last).await?;
                 tx.put_mesh(&id, 0, &mesh).await?;
                 tx.put_model(&id, &model).await?;
-                let sizes = json!({
-                    "vertices": mesh.vertices,
-                    "triangles": mesh.triangles,
-                    "bytes": mesh.data.len(),
-                });
-                let outcome = Outcome::Succeeded { report, sizes };
+                let mut told = assessment::members(Some(&report));
+                for (name, number) in [
+                    ("vertices", mesh.vertices),
+                    ("triangles", mesh.triangles),
+                    ("bytes", mesh.data.len() as u64),
+                ] {
+                    told.insert(name.to_owned(), number.into());
+                }
+                let outcome = Outcome::Succeeded {
+                    report,
+                    told: told.into(),
+                };
                 tx.leave(Fence::running(&id, attempt), outcome).await
             })
         })

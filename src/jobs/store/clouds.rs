@@ -83,7 +83,7 @@ impl Store {
     /// As every write.
     pub async fn delete_cloud(&self, id: &CloudId) -> Result<CloudDeletion> {
         let id = id.clone();
-        self.write(move |mut tx| {
+        let work = self.write(move |mut tx| {
             Box::pin(async move {
                 let in_use: bool = sqlx::query_scalar(
                     "SELECT EXISTS (SELECT 1 FROM jobs
@@ -102,15 +102,23 @@ impl Store {
                 let Some(row) = deleted else {
                     return Ok(CloudDeletion::Missing);
                 };
-                sqlx::query("UPDATE jobs SET cloud_erased = 1 WHERE cloud_id = ?1")
-                    .bind(id.as_str())
-                    .execute(&mut *tx.db)
-                    .await?;
+                for statement in [
+                    "UPDATE jobs SET cloud_erased = 1 WHERE cloud_id = ?1",
+                    // The key stays, as those of jobs do.
+                    "UPDATE idempotency SET headers = '[]', body = x'' WHERE cloud_id = ?1",
+                ] {
+                    sqlx::query(statement)
+                        .bind(id.as_str())
+                        .execute(&mut *tx.db)
+                        .await?;
+                }
                 tx.bury(id.as_str(), "deleted").await?;
                 Ok(CloudDeletion::Deleted(cloud_of(&row)?))
             })
-        })
-        .await
+        });
+        let deletion = work.await?;
+        self.shred();
+        Ok(deletion)
     }
 
     /// The hashes of all clouds: a file with another name is an orphan.

@@ -5,10 +5,10 @@
 //! would make the repeated request submit a second job.
 
 use super::Store;
-use super::jobs::find_tombstone;
 use super::row::{Columns, to_json};
+use super::tombstones;
 use super::writer::Transaction;
-use crate::jobs::{Error, Job, JobId, Lookup, Result, Tombstone};
+use crate::jobs::{CloudId, Error, Job, JobId, Result, Tombstone};
 
 /// Makes [`Store::submit`] keep its answer under a key that was begun.
 pub struct Idempotency {
@@ -44,6 +44,26 @@ pub enum IdempotencyState {
     Mismatch,
     /// The same request was answered with a job that was erased since.
     Gone(Tombstone),
+    /// The same request was answered with a cloud that was erased since.
+    CloudGone(Tombstone),
+}
+
+/// What an answer tells of: it is emptied when that is erased.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Subject {
+    /// A job.
+    Job(JobId),
+    /// A cloud.
+    Cloud(CloudId),
+}
+
+impl Subject {
+    fn id(&self) -> &str {
+        match self {
+            Self::Job(id) => id.as_str(),
+            Self::Cloud(id) => id.as_str(),
+        }
+    }
 }
 
 impl Store {
@@ -83,10 +103,15 @@ impl Store {
                 if columns.get::<String>("request_sha256")? != request_sha256 {
                     return Ok(IdempotencyState::Mismatch);
                 }
-                if let Some(job) = columns.name::<JobId>("job_id")?
-                    && let Lookup::Gone(tombstone) = find_tombstone(&mut *tx.db, &job).await?
+                if let Some(job) = columns.get::<Option<String>>("job_id")?
+                    && let Some(tombstone) = tombstones::find(&mut *tx.db, &job).await?
                 {
                     return Ok(IdempotencyState::Gone(tombstone));
+                }
+                if let Some(cloud) = columns.get::<Option<String>>("cloud_id")?
+                    && let Some(tombstone) = tombstones::find(&mut *tx.db, &cloud).await?
+                {
+                    return Ok(IdempotencyState::CloudGone(tombstone));
                 }
                 let Some(status) = columns.get::<Option<i64>>("status")? else {
                     return Ok(IdempotencyState::InFlight);
@@ -117,8 +142,8 @@ impl Store {
         .await?)
     }
 
-    /// Keeps the answer to a request that was begun and made no job; one that tells of a job is
-    /// erased with it.
+    /// Keeps the answer to a request that was begun and submitted no job. One that tells of a job or
+    /// a cloud is emptied with it, at once where that was erased meanwhile.
     ///
     /// # Errors
     /// `Stale` if the key is not in flight, and as every write.
@@ -126,12 +151,12 @@ impl Store {
         &self,
         key: &str,
         scope: &str,
-        job: Option<&JobId>,
+        subject: Option<Subject>,
         response: StoredResponse,
     ) -> Result<()> {
-        let (key, scope, job) = (key.to_owned(), scope.to_owned(), job.cloned());
+        let (key, scope) = (key.to_owned(), scope.to_owned());
         self.write(move |mut tx| {
-            Box::pin(async move { tx.complete(&key, &scope, job.as_ref(), &response).await })
+            Box::pin(async move { tx.complete(&key, &scope, subject, response).await })
         })
         .await
     }
@@ -197,7 +222,8 @@ impl Transaction<'_> {
     /// Keeps the answer to the submission of a job.
     pub(super) async fn keep_answer(&mut self, asked: Idempotency, job: &Job) -> Result<()> {
         let response = (asked.respond)(job);
-        self.complete(&asked.key, &asked.scope, Some(&job.id), &response)
+        let subject = Some(Subject::Job(job.id.clone()));
+        self.complete(&asked.key, &asked.scope, subject, response)
             .await
     }
 
@@ -205,11 +231,25 @@ impl Transaction<'_> {
         &mut self,
         key: &str,
         scope: &str,
-        job: Option<&JobId>,
-        response: &StoredResponse,
+        subject: Option<Subject>,
+        mut response: StoredResponse,
     ) -> Result<()> {
+        if let Some(subject) = &subject
+            && tombstones::find(&mut *self.db, subject.id())
+                .await?
+                .is_some()
+        {
+            response.headers.clear();
+            response.body.clear();
+        }
+        let (job, cloud) = match &subject {
+            Some(Subject::Job(id)) => (Some(id.as_str()), None),
+            Some(Subject::Cloud(id)) => (None, Some(id.as_str())),
+            None => (None, None),
+        };
         let completed = sqlx::query(
-            "UPDATE idempotency SET status = ?3, headers = ?4, body = ?5, job_id = ?6
+            "UPDATE idempotency SET status = ?3, headers = ?4, body = ?5, job_id = ?6,
+                 cloud_id = ?7
              WHERE key = ?1 AND scope = ?2 AND status IS NULL",
         )
         .bind(key)
@@ -217,7 +257,8 @@ impl Transaction<'_> {
         .bind(i64::from(response.status))
         .bind(to_json(&response.headers))
         .bind(response.body.as_slice())
-        .bind(job.map(JobId::as_str))
+        .bind(job)
+        .bind(cloud)
         .execute(&mut *self.db)
         .await?;
         if completed.rows_affected() == 1 {

@@ -10,7 +10,26 @@ use super::outcome::{Fence, Outcome};
 use super::row::{Columns, to_json};
 use super::tombstones;
 use super::writer::Transaction;
-use crate::jobs::{CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewJob, Result, Status};
+use crate::jobs::{
+    CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewJob, Result, Status, Verdict,
+};
+
+/// A page of jobs that fulfil a condition and the filters.
+macro_rules! list {
+    ($condition:literal) => {
+        concat!(
+            "SELECT * FROM jobs WHERE ",
+            $condition,
+            " AND (?1 IS NULL OR id < ?1)
+              AND (?2 IS NULL OR status = ?2)
+              AND (?3 IS NULL OR cloud_id = ?3)
+              AND (?4 IS NULL OR created_at > ?4)
+              AND (?5 IS NULL OR EXISTS (SELECT 1 FROM json_each(jobs.labels)
+                                         WHERE key = ?5 AND value = ?6))
+              ORDER BY id DESC LIMIT ?7"
+        )
+    };
+}
 
 impl Store {
     /// Puts a job into the queue, writes its `job.queued` event and, under the client's key, the
@@ -66,28 +85,27 @@ impl Store {
             .as_ref()
             .map(|(k, v)| (k.as_str(), v.as_str()))
             .unzip();
-        sqlx::query(
-            "SELECT * FROM jobs
-             WHERE (?1 IS NULL OR id < ?1)
-               AND (?2 IS NULL OR status = ?2)
-               AND (?3 IS NULL OR cloud_id = ?3)
-               AND (?4 IS NULL OR created_at > ?4)
-               AND (?5 IS NULL OR EXISTS (SELECT 1 FROM json_each(jobs.labels)
-                                          WHERE key = ?5 AND value = ?6))
-             ORDER BY id DESC LIMIT ?7",
-        )
-        .bind(before.map(JobId::as_str))
-        .bind(filter.status.map(Status::name))
-        .bind(filter.cloud_id.as_ref().map(CloudId::as_str))
-        .bind(filter.created_after)
-        .bind(label)
-        .bind(value)
-        .bind(limit)
-        .fetch_all(self.readers())
-        .await?
-        .iter()
-        .map(job_of)
-        .collect()
+        let query = match filter.verdict {
+            None => sqlx::query(list!("?8 IS NULL")),
+            // As the index has it.
+            Some(_) => sqlx::query(list!(
+                "report IS NOT NULL AND json_extract(report, '$.verdict') = ?8"
+            )),
+        };
+        query
+            .bind(before.map(JobId::as_str))
+            .bind(filter.status.map(Status::name))
+            .bind(filter.cloud_id.as_ref().map(CloudId::as_str))
+            .bind(filter.created_after)
+            .bind(label)
+            .bind(value)
+            .bind(limit)
+            .bind(filter.verdict.map(Verdict::name))
+            .fetch_all(self.readers())
+            .await?
+            .iter()
+            .map(job_of)
+            .collect()
     }
 
     /// Asks a job to end: a waiting one is cancelled at once, a running one is marked for its

@@ -17,6 +17,7 @@ mod jobs;
 mod leases;
 mod meshes;
 mod metrics;
+mod origin;
 mod outcome;
 mod row;
 mod shredder;
@@ -37,8 +38,9 @@ use tokio::sync::watch;
 
 pub use checkpoints::Checkpoint;
 pub use events::Event;
-pub use idempotency::{Idempotency, IdempotencyState, StoredResponse};
+pub use idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};
 pub use meshes::{MESH_CHUNK_BYTES, MeshInfo};
+pub use origin::is_ours;
 
 use super::Result;
 use super::clock::{self, Clock};
@@ -199,6 +201,14 @@ async fn migrate(db: &mut SqliteConnection) -> Result<()> {
         (
             "erased_clouds",
             include_str!("../../../migrations/0002_erased_clouds.sql"),
+        ),
+        (
+            "answers_about_clouds",
+            include_str!("../../../migrations/0003_answers_about_clouds.sql"),
+        ),
+        (
+            "jobs_by_verdict",
+            include_str!("../../../migrations/0004_jobs_by_verdict.sql"),
         ),
     ];
     let migrator = Migrator::with_migrations(

@@ -38,8 +38,8 @@ impl<'a> Fence<'a> {
 pub(super) enum Outcome {
     /// Back into the queue, with why.
     Requeued { reason: Value },
-    /// Its report, and the sizes that the last event tells.
-    Succeeded { report: Value, sizes: Value },
+    /// Its report, and what the last event tells.
+    Succeeded { report: Value, told: Value },
     /// Why.
     Failed(Problem),
     /// A client wanted it.
@@ -104,7 +104,7 @@ impl Transaction<'_> {
                     json!({"position": position, "reason": reason}),
                 )
             }
-            Outcome::Succeeded { sizes, .. } => ("job.succeeded", sizes),
+            Outcome::Succeeded { told, .. } => ("job.succeeded", told),
             Outcome::Failed(problem) => ("job.failed", json!({ "error": problem })),
             Outcome::Cancelled => ("job.cancelled", json!({})),
         };

@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::jobs::{Cloud, FailureReason, Fault, NewMesh, Problem};
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::mesh::write::{Format, write};
-use crate::reconstruction::{Error, Input, Observer, Settings, cloud, reconstruct};
+use crate::reconstruction::{Error, Event, Input, Observer, Settings, cloud, reconstruct};
 
 /// Does the work of one attempt, on a thread of its own.
 pub type Work = dyn Fn(&Assignment, &dyn Observer) -> Result<Product, Failure> + Send + Sync;
@@ -97,6 +97,9 @@ pub fn reconstruction(
     };
     let (points, source) = cloud::read(&bytes, Some(&name), &limits).map_err(Error::from)?;
     drop(bytes);
+    for warning in &source.warnings {
+        observer.event(Event::Warning(warning));
+    }
     let mut result = reconstruct(&points, &assignment.settings, observer)?;
     result.report.inputs = vec![Input {
         name: String::new(),

@@ -122,7 +122,9 @@ pub(in crate::reconstruction) fn content(unpacked: &[u8]) -> Result<&[u8], Error
 fn expand(packed: &[u8], limits: &Limits) -> Result<Vec<u8>, Error> {
     let limit = limits.expanded(packed.len());
     let mut expanded = Vec::new();
-    let mut reader = MultiGzDecoder::new(packed).take(limit as u64 + 1);
+    // One byte more shows that there are too many; a limit may be the largest number there is.
+    let one_more = (limit as u64).saturating_add(1);
+    let mut reader = MultiGzDecoder::new(packed).take(one_more);
     reader.read_to_end(&mut expanded).map_err(|error| {
         Error::Compression(match error.kind() {
             std::io::ErrorKind::UnexpectedEof => "the file is cut short".to_owned(),

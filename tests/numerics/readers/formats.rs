@@ -45,6 +45,22 @@ fn every_format_may_be_gzipped_in_one_or_more_members() {
 }
 
 #[test]
+fn without_limits_gzipped_files_are_read_whole() {
+    let limits = Limits {
+        max_points: usize::MAX,
+        max_expanded_bytes: usize::MAX,
+        max_expansion: f64::INFINITY,
+    };
+    for file in all() {
+        let plain = load(&file.bytes, file.name).unwrap();
+        for bytes in [file.bytes.clone(), gzip(&file.bytes)] {
+            let (cloud, _) = read(&bytes, Some(file.name), &limits).unwrap();
+            assert_eq!(cloud, plain.0, "{}", file.name);
+        }
+    }
+}
+
+#[test]
 fn line_ends_of_any_system_are_read_alike() {
     for file in all() {
         let Ok(text) = std::str::from_utf8(&file.bytes) else {
