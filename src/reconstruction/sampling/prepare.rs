@@ -71,13 +71,7 @@ pub fn prepare(
         ),
     );
     let share = validated.len() as f64 / split.trained.len() as f64;
-    // Of contours, the distance between the slices counts: that along them says nothing of the surface.
-    let spacing = median_spacing(&trained).max(
-        surface
-            .as_ref()
-            .filter(|surface| surface.even_points < surface.points.len())
-            .map_or(0.0, |surface| median(&mut surface.spacings.clone())),
-    );
+    let spacing = spacing(&trained, surface.as_ref());
     let uncertainty = surface.as_ref().map(|surface| Uncertainty {
         noise: surface.noise,
         spacing,
@@ -343,6 +337,14 @@ fn warn_of_one_side(training: &Samples, warnings: &mut Vec<Warning>) {
             ));
         }
     }
+}
+
+/// Median spacing of the points that are trained on. Of contours, the distance between the slices counts: that
+/// along them says nothing of the surface.
+fn spacing(trained: &[Vec3], surface: Option<&OrientedSurface>) -> f64 {
+    let uneven = surface.filter(|surface| surface.even_points < surface.points.len());
+    let across = uneven.map_or(0.0, |surface| median(&mut surface.spacings.clone()));
+    median_spacing(trained).max(across)
 }
 
 /// Median over `points` of the local spacing.
