@@ -62,14 +62,8 @@ pub fn prepare(
     );
     let trained = pick(&scene.points, &split.trained);
     let held_out = pick(&scene.points, &split.held_out);
-    let validated = pick(
-        &split.held_out,
-        &even_subset(
-            &held_out,
-            MIN_VALIDATED.max(split.trained.len() / VALIDATED_EVERY),
-            &mut choice,
-        ),
-    );
+    let most = MIN_VALIDATED.max(split.trained.len() / VALIDATED_EVERY);
+    let validated = pick(&split.held_out, &even_subset(&held_out, most, &mut choice));
     let share = validated.len() as f64 / split.trained.len() as f64;
     let spacing = spacing(&trained, surface.as_ref());
     let uncertainty = surface.as_ref().map(|surface| Uncertainty {
