@@ -1,6 +1,6 @@
 //! The whole method in one screen: cloud and settings in, mesh and report out.
 
-use super::cloud::{Label, PointCloud};
+use super::cloud::PointCloud;
 use super::error::Error;
 use super::mesh::{PointTree, TriangleMesh};
 use super::network::{Engine, Ensemble, Model, Scalar, engine};
@@ -304,11 +304,7 @@ impl<'a> Mesher<'a> {
 
     /// From each of `places` to the nearest surface point of the cloud, trained on or not, in its coordinates.
     fn distances_to_points(&self, places: &[Vec3]) -> Vec<f64> {
-        let points: Vec<Vec3> = self
-            .cloud
-            .indices(Label::Surface)
-            .map(|i| self.cloud.points[i])
-            .collect();
+        let points: Vec<Vec3> = self.prepared.measured(self.cloud).collect();
         PointTree::new(&points).map_or_else(Vec::new, |tree| tree.distances(places))
     }
 }

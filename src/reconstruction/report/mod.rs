@@ -5,7 +5,7 @@ mod surface;
 
 use serde::{Deserialize, Serialize};
 
-use crate::reconstruction::cloud::{Label, PointCloud};
+use crate::reconstruction::cloud::PointCloud;
 use crate::reconstruction::error::Error;
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::network::Ensemble;
@@ -208,10 +208,7 @@ impl Report {
             || quality::describe(mesh),
             || Judge::new(mesh, settings.training.seed),
         );
-        let surface_points: Vec<Vec3> = cloud
-            .indices(Label::Surface)
-            .map(|i| cloud.points[i])
-            .collect();
+        let surface_points: Vec<Vec3> = prepared.measured(cloud).collect();
         let compare = |indices| {
             judge
                 .as_ref()
@@ -312,9 +309,9 @@ impl FieldAtPoints {
             field,
             ..
         } = *subject;
-        let points: Vec<Vec3> = cloud
-            .indices(Label::Surface)
-            .map(|i| prepared.frame.to_unit(cloud.points[i]))
+        let points: Vec<Vec3> = prepared
+            .measured(cloud)
+            .map(|p| prepared.frame.to_unit(p))
             .collect();
         let mut values = vec![0.0; points.len()];
         field.values(&points, &mut values)?;

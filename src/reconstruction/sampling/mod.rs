@@ -6,6 +6,7 @@
 
 mod evenness;
 pub mod frame;
+mod given;
 pub mod jets;
 pub mod neighbours;
 pub mod normals;
@@ -15,11 +16,14 @@ mod prepare;
 pub mod samples;
 pub mod selection;
 mod sides;
+mod strays;
 mod uncertainty;
 pub mod winding;
+mod working;
 
 use serde::Serialize;
 
+use super::cloud::{Label, PointCloud};
 use super::observer::Warning;
 use super::vector::Vec3;
 
@@ -157,6 +161,18 @@ pub struct Prepared {
     /// ([`OrientedSurface::confidence`](oriented::OrientedSurface::confidence)); none where no normals were
     /// needed.
     pub orientation_confidence: Option<f64>,
+    /// Indices into the cloud of the surface points that were left out as strays, ascending.
+    pub strays: Vec<usize>,
     /// What the user should know.
     pub warnings: Vec<Warning>,
+}
+
+impl Prepared {
+    /// The surface points of `cloud`, in its coordinates, without strays: what the mesh is held against.
+    pub(super) fn measured<'a>(&'a self, cloud: &'a PointCloud) -> impl Iterator<Item = Vec3> + 'a {
+        cloud
+            .indices(Label::Surface)
+            .filter(|i| self.strays.binary_search(i).is_err())
+            .map(|i| cloud.points[i])
+    }
 }

@@ -3,8 +3,9 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::given::judged;
 use super::neighbours::{Neighbourhoods, Tree, median};
-use super::orientation::{noise, orient, points_inwards};
+use super::orientation::{orient, points_inwards};
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::symmetric::{covariance, eigen};
 use crate::reconstruction::vector::{Vec3, add, dot, normalized, scale, sub};
@@ -42,7 +43,7 @@ pub struct Normals {
 ///
 /// Given normals are scaled to unit length. Those that are zero or not finite are replaced by
 /// estimated ones on the side of the nearest usable ones; if none is usable, all are estimated and
-/// oriented. If all point inwards, all are turned.
+/// oriented. If all point inwards, all are turned. What they are worth then is judged by [`judged`].
 pub fn normals(
     points: &[Vec3],
     given: Option<&[Vec3]>,
@@ -87,11 +88,7 @@ pub fn normals(
             *normal = scale(*normal, -1.0);
         }
     }
-    Normals {
-        noise: noise(points, &normals, tree, neighbours),
-        directions: normals,
-        source: NormalSource::Given,
-    }
+    judged(points, normals, (tree, neighbours), warnings)
 }
 
 /// Undirected unit normals: the direction of least extent of each point and its neighbours

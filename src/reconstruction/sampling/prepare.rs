@@ -4,18 +4,16 @@ use super::frame::Frame;
 use super::neighbours::{Neighbourhoods, Tree, median};
 use super::oriented::OrientedSurface;
 use super::samples::{Grading, Sampler};
-use super::selection::{Split, distinct, even_subset};
+use super::selection::{Split, even_subset, pick};
 use super::uncertainty::{Uncertainty, sparse};
+use super::working::working_points;
 use super::{Counts, Prepared, Samples};
-use crate::reconstruction::cloud::{self, Label, PointCloud, enough_points};
+use crate::reconstruction::cloud::{self, Label, PointCloud};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::random::{Generator, Purpose, stream};
 use crate::reconstruction::settings::{self, OffSurface, Settings};
 use crate::reconstruction::vector::{Bounds, Vec3};
-
-/// Most surface points that are looked at; larger clouds are thinned evenly first.
-const MAX_WORKING_POINTS: usize = 100_000;
 
 /// Most held-out points that are listed.
 const MAX_HELD_OUT: usize = 20_000;
@@ -137,6 +135,7 @@ pub fn prepare(
         diagonal: scene.bounds.diagonal(),
         normals: surface.as_ref().map(|surface| surface.source),
         orientation_confidence: surface.map(|surface| surface.confidence),
+        strays: scene.strays,
         warnings,
     })
 }
@@ -147,6 +146,8 @@ struct Scene<'a> {
     settings: &'a Settings,
     /// Indices into the cloud, ascending.
     indices: Vec<usize>,
+    /// Indices into the cloud of what was left out, ascending.
+    strays: Vec<usize>,
     frame: Frame,
     /// The points at `indices`, unit frame.
     points: Vec<Vec3>,
@@ -164,7 +165,7 @@ impl<'a> Scene<'a> {
         choice: &mut Generator,
         warnings: &mut Vec<Warning>,
     ) -> Result<Self, Error> {
-        let indices = working_points(cloud, settings, choice, warnings)?;
+        let (indices, strays) = working_points(cloud, settings, choice, warnings)?;
         let given = pick(&cloud.points, &indices);
         let box_of = |points: &[Vec3]| Bounds::of(points).ok_or(cloud::Error::Empty);
         let normalized = Frame::normalized(&box_of(&given)?, settings.sampling.half_extent)
@@ -182,6 +183,7 @@ impl<'a> Scene<'a> {
             cloud,
             settings,
             indices,
+            strays,
             frame,
             points,
             bounds,
@@ -269,52 +271,6 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Indices of the surface points that are worked with: all in the paper's way, otherwise
-/// different ones, thinned where they are very many.
-fn working_points(
-    cloud: &PointCloud,
-    settings: &Settings,
-    choice: &mut Generator,
-    warnings: &mut Vec<Warning>,
-) -> Result<Vec<usize>, Error> {
-    let labelled: Vec<usize> = cloud.indices(Label::Surface).collect();
-    enough_points(labelled.len())?;
-    if settings.sampling.off_surface == OffSurface::Labels {
-        if labelled.len() == cloud.points.len() {
-            return Err(settings::Error::conflict(
-                "/sampling/off_surface",
-                "is labels, but no point of the cloud is labelled interior or exterior; give \
-                 such points, or choose generated",
-            )
-            .into());
-        }
-        return Ok(labelled);
-    }
-    let different = distinct(&cloud.points, &labelled);
-    if different.len() < labelled.len() {
-        warnings.push(Warning::new(
-            "duplicate_points",
-            format!(
-                "{} surface points repeat earlier ones and are left out",
-                labelled.len() - different.len()
-            ),
-        ));
-    }
-    enough_points(different.len())?;
-    if different.len() <= MAX_WORKING_POINTS {
-        return Ok(different);
-    }
-    warnings.push(Warning::new(
-        "points_thinned",
-        format!(
-            "{MAX_WORKING_POINTS} of {} surface points, evenly chosen, are worked with",
-            different.len()
-        ),
-    ));
-    let kept = even_subset(&pick(&cloud.points, &different), MAX_WORKING_POINTS, choice);
-    Ok(pick(&different, &kept))
-}
-
 /// Says so if no sample is inside or none outside: then f = 0 fits and no surface will come out.
 fn warn_of_one_side(training: &Samples, warnings: &mut Vec<Warning>) {
     for (side, missing) in [
@@ -345,8 +301,4 @@ fn spacing(trained: &[Vec3], surface: Option<&OrientedSurface>) -> f64 {
 fn median_spacing(points: &[Vec3]) -> f64 {
     let tree = Tree::new(points);
     median(&mut Neighbourhoods::new(&tree, points, 6).spacings(points))
-}
-
-fn pick<T: Copy>(items: &[T], positions: &[usize]) -> Vec<T> {
-    positions.iter().map(|&i| items[i]).collect()
 }

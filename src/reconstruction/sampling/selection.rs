@@ -90,3 +90,8 @@ pub fn distinct(points: &[Vec3], indices: &[usize]) -> Vec<usize> {
         .filter(|&i| seen.insert(bits(points[i])))
         .collect()
 }
+
+/// Those of `items` at `positions`.
+pub(super) fn pick<T: Copy>(items: &[T], positions: &[usize]) -> Vec<T> {
+    positions.iter().map(|&i| items[i]).collect()
+}

@@ -55,6 +55,12 @@ impl Sides {
         self.share(|[inner, outer]| inner > LEVEL && outer < LEVEL)
     }
 
+    /// Share of the points at which the winding number is larger where the normal says outside: on closed and
+    /// open sheets alike, such a normal points to the wrong side.
+    pub(super) fn reversed(&self) -> f64 {
+        self.share(|[inner, outer]| inner < outer)
+    }
+
     /// How much the winding number changes from one point to the next, one spacing inside and outside them:
     /// what sampling, noise and wrong normals make of it. Holes change it slowly.
     pub(super) fn doubt(&self) -> f64 {

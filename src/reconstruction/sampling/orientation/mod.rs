@@ -94,9 +94,14 @@ pub fn orient(points: &[Vec3], tree: &Tree, neighbours: &Neighbourhoods) -> Esti
     }
 }
 
-/// Standard deviation of `points` from their surface, whose outward unit normals are known.
-pub fn noise(points: &[Vec3], normals: &[Vec3], tree: &Tree, neighbours: &Neighbourhoods) -> f64 {
-    Cloud::new(points, tree, neighbours).fitted(normals).noise()
+/// What local fits tell of `points` whose outward unit normals are known.
+pub fn refined(
+    points: &[Vec3],
+    normals: &[Vec3],
+    tree: &Tree,
+    neighbours: &Neighbourhoods,
+) -> Estimated {
+    Cloud::new(points, tree, neighbours).fitted(normals).into()
 }
 
 /// What an even subset tells. Its neighbourhoods are wider than the noise; those of the cloud, of the

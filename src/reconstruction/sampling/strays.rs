@@ -1,0 +1,154 @@
+//! Points that lie off the surface of all the others: strays of a scanner, clumps in the air, wrong coordinates.
+//!
+//! They are found before anything else is worked out, so that they decide neither frame nor grid.
+
+use rayon::prelude::*;
+
+use super::evenness::even_scale;
+use super::neighbours::{Neighbourhoods, Tree, median};
+use crate::reconstruction::symmetric::{covariance, eigen};
+use crate::reconstruction::vector::{Vec3, dot, sub};
+
+/// Neighbours to which a point may be tied, and of which planes are fitted.
+const NEAR: usize = 12;
+
+/// A point is tied to a neighbour within so many local spacings of either: gaps of a random sampling are
+/// smaller but for one in some thousands.
+const TIE: f64 = 2.5;
+
+/// Fewest points that make a piece of a surface.
+const PIECE: usize = 16;
+
+/// Middle over least extent of neighbourhoods from which a piece fills space. Random points in a volume are near
+/// 0.65, a ball of 30 points near 0.4.
+const FILLS_SPACE: f64 = 0.5;
+
+/// A point that is this far, in local spacings of the surface, is on no part of it.
+const FAR: f64 = 10.0;
+
+/// A nearer one is off the surface from a height above its plane of so many local spacings ...
+const HIGH: f64 = 1.0;
+
+/// ... and of so many times what the points of the plane are off it themselves.
+const ROUGH: f64 = 5.0;
+
+/// Points of smaller clouds are strays only where they are far: a plane says little of them.
+const FEW: usize = 64;
+
+/// Where more than this share seems to be strays, the surface is not understood and all points are kept.
+const MOST: f64 = 0.2;
+
+/// Positions in `points`, all different, of strays; ascending.
+pub(super) fn strays(points: &[Vec3]) -> Vec<usize> {
+    let tree = Tree::new(points);
+    let Some(even) = even_scale(points, &tree, 0.0) else {
+        return of_even(points, &tree);
+    };
+    // A point of a slice goes with the nearest one of the even subset.
+    let some: Vec<Vec3> = even.iter().map(|&i| points[i]).collect();
+    let tree = Tree::new(&some);
+    let strays = of_even(&some, &tree);
+    let goes = |p: &Vec3| strays.binary_search(&tree.nearest(*p).0).is_ok();
+    (0..points.len()).filter(|&i| goes(&points[i])).collect()
+}
+
+fn of_even(points: &[Vec3], tree: &Tree) -> Vec<usize> {
+    let near = Neighbourhoods::new(tree, points, NEAR);
+    let spacings = near.spacings(points);
+    let kept = on_pieces(points, &near, &spacings);
+    let base: Vec<usize> = (0..points.len()).filter(|&i| kept[i]).collect();
+    let base_points: Vec<Vec3> = base.iter().map(|&i| points[i]).collect();
+    let base_tree = Tree::new(&base_points);
+    let found: Vec<usize> = (0..points.len())
+        .into_par_iter()
+        .filter(|&i| {
+            // Without the point itself.
+            let around: Vec<(usize, f64)> = base_tree
+                .nearest_n(points[i], NEAR + 1)
+                .into_iter()
+                .map(|(k, distance)| (base[k], distance))
+                .filter(|&(j, _)| j != i)
+                .take(NEAR)
+                .collect();
+            let mut theirs: Vec<f64> = around.iter().map(|&(j, _)| spacings[j]).collect();
+            let spacing = median(&mut theirs);
+            let distance = around.first().map_or(0.0, |nearest| nearest.1);
+            let beside: Vec<Vec3> = around.iter().map(|&(j, _)| points[j]).collect();
+            distance > FAR * spacing || points.len() >= FEW && is_off(points[i], &beside, spacing)
+        })
+        .collect();
+    if found.len() as f64 > MOST * points.len() as f64 {
+        return Vec::new();
+    }
+    found
+}
+
+/// Whether `p` is clearly above the plane of the points `beside` it.
+fn is_off(p: Vec3, beside: &[Vec3], spacing: f64) -> bool {
+    let arms: Vec<Vec3> = beside.iter().map(|q| sub(*q, p)).collect();
+    let (values, vectors) = eigen(covariance(&arms));
+    let count = arms.len() as f64;
+    let height = arms.iter().map(|arm| dot(*arm, vectors[0])).sum::<f64>() / count;
+    height.abs() > (HIGH * spacing).max(ROUGH * values[0].max(0.0).sqrt())
+}
+
+/// Which points lie on the largest piece of the cloud or on another one that is a surface.
+fn on_pieces(points: &[Vec3], near: &Neighbourhoods, spacings: &[f64]) -> Vec<bool> {
+    let pieces = pieces(points, near, spacings);
+    let largest = pieces.iter().map(Vec::len).max().unwrap_or(0);
+    let mut kept = vec![false; points.len()];
+    for piece in &pieces {
+        let is_surface = piece.len() >= PIECE && !fills_space(points, piece);
+        if piece.len() == largest || is_surface {
+            for &i in piece {
+                kept[i] = true;
+            }
+        }
+    }
+    kept
+}
+
+/// The points in groups whose members are tied to each other by way of their neighbours.
+fn pieces(points: &[Vec3], near: &Neighbourhoods, spacings: &[f64]) -> Vec<Vec<usize>> {
+    let mut piece_of: Vec<usize> = (0..points.len()).collect();
+    for i in 0..points.len() {
+        for j in near.of(i) {
+            let reach = TIE * spacings[i].min(spacings[j]);
+            let arm = sub(points[j], points[i]);
+            if dot(arm, arm) <= reach * reach {
+                let (a, b) = (root(&mut piece_of, i), root(&mut piece_of, j));
+                piece_of[a.max(b)] = a.min(b);
+            }
+        }
+    }
+    let mut pieces = vec![Vec::new(); points.len()];
+    for i in 0..points.len() {
+        pieces[root(&mut piece_of, i)].push(i);
+    }
+    pieces.retain(|piece| !piece.is_empty());
+    pieces
+}
+
+fn root(parents: &mut [usize], mut i: usize) -> usize {
+    while parents[i] != i {
+        parents[i] = parents[parents[i]];
+        i = parents[i];
+    }
+    i
+}
+
+/// Whether the points of a piece are spread through space, not over a sheet.
+fn fills_space(points: &[Vec3], piece: &[usize]) -> bool {
+    let own: Vec<Vec3> = piece.iter().map(|&i| points[i]).collect();
+    let tree = Tree::new(&own);
+    let mut shares: Vec<f64> = own
+        .iter()
+        .map(|p| {
+            let near = tree.nearest_n(*p, NEAR);
+            let arms: Vec<Vec3> = near.into_iter().map(|(j, _)| sub(own[j], *p)).collect();
+            let (values, _) = eigen(covariance(&arms));
+            (values[0].max(0.0) / values[1].max(f64::MIN_POSITIVE)).sqrt()
+        })
+        .collect();
+    median(&mut shares) > FILLS_SPACE
+}
