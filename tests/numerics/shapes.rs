@@ -203,7 +203,11 @@ fn written_clouds_hold_every_value() {
     );
     let mut text = Vec::new();
     write_xyz(&cloud, &mut text).unwrap();
-    for (i, line) in String::from_utf8(text).unwrap().lines().enumerate() {
+    let text = String::from_utf8(text).unwrap();
+    let mut lines = text.lines();
+    // Labels are read by the name of their column only.
+    assert!(lines.next().unwrap().ends_with(" label"));
+    for (i, line) in lines.enumerate() {
         let row: Vec<f64> = line.split(' ').map(|x| x.parse().unwrap()).collect();
         assert_eq!(row[..3], cloud.points[i]);
         assert_eq!(row[3..6], cloud.normals.as_ref().unwrap()[i]);

@@ -236,7 +236,7 @@ async fn a_folder_of_the_first_version_is_taken_and_swept() {
     assert!(path.join("meshway-folder").exists());
     assert!(!orphan.exists());
     let kept = fs::read_to_string(path.join("clouds").join("a".repeat(64))).unwrap();
-    assert_eq!(kept, sphere_xyz(300, 0.0));
+    assert!(kept.starts_with(&sphere_xyz(300, 0.0)), "{kept}");
     let mut client = Client::open(server.address()).await.unwrap();
     let clouds = client.ask("GET /v1/clouds", "", &[]).await.unwrap();
     assert_eq!(clouds.json()["items"][0]["id"], folder.cloud_id().as_str());

@@ -19,9 +19,12 @@ const TIE: f64 = 2.5;
 /// Fewest points that make a piece of a surface.
 const PIECE: usize = 16;
 
-/// Middle over least extent of neighbourhoods from which a piece fills space. Random points in a volume are near
+/// Least over middle extent of neighbourhoods from which on they fill space. Random points in a volume are near
 /// 0.65, a ball of 30 points near 0.4.
 const FILLS_SPACE: f64 = 0.5;
+
+/// Spacing over the median one of the cloud from which on points may be scattered beside it.
+const WIDE: f64 = 2.0;
 
 /// A point that is this far, in local spacings of the surface, is on no part of it.
 const FAR: f64 = 10.0;
@@ -94,12 +97,13 @@ fn is_off(p: Vec3, beside: &[Vec3], spacing: f64) -> bool {
 
 /// Which points lie on the largest piece of the cloud or on another one that is a surface.
 fn on_pieces(points: &[Vec3], near: &Neighbourhoods, spacings: &[f64]) -> Vec<bool> {
-    let pieces = pieces(points, near, spacings);
+    let scattered = scattered(points, near, spacings);
+    let pieces = pieces(points, near, spacings, &scattered);
     let largest = pieces.iter().map(Vec::len).max().unwrap_or(0);
     let mut kept = vec![false; points.len()];
     for piece in &pieces {
         let is_surface = piece.len() >= PIECE && !fills_space(points, piece);
-        if piece.len() == largest || is_surface {
+        if (piece.len() == largest || is_surface) && !scattered[piece[0]] {
             for &i in piece {
                 kept[i] = true;
             }
@@ -108,11 +112,34 @@ fn on_pieces(points: &[Vec3], near: &Neighbourhoods, spacings: &[f64]) -> Vec<bo
     kept
 }
 
-/// The points in groups whose members are tied to each other by way of their neighbours.
-fn pieces(points: &[Vec3], near: &Neighbourhoods, spacings: &[f64]) -> Vec<Vec<usize>> {
+/// Which points lie far apart beside the others, and scattered through space.
+fn scattered(points: &[Vec3], near: &Neighbourhoods, spacings: &[f64]) -> Vec<bool> {
+    let wide = WIDE * median(&mut spacings.to_vec());
+    (0..points.len())
+        .into_par_iter()
+        .map(|i| spacings[i] > wide && spread(points, i, near.of(i)) > FILLS_SPACE)
+        .collect()
+}
+
+/// Least over middle extent of point `i` and those `beside` it: 0 where they lie in a plane.
+fn spread(points: &[Vec3], i: usize, beside: impl Iterator<Item = usize>) -> f64 {
+    let mut arms: Vec<Vec3> = beside.map(|j| sub(points[j], points[i])).collect();
+    arms.push([0.0; 3]);
+    let (values, _) = eigen(covariance(&arms));
+    (values[0].max(0.0) / values[1].max(f64::MIN_POSITIVE)).sqrt()
+}
+
+/// The points in groups whose members are tied to each other by way of their neighbours; those that are
+/// `scattered` each for itself.
+fn pieces(
+    points: &[Vec3],
+    near: &Neighbourhoods,
+    spacings: &[f64],
+    scattered: &[bool],
+) -> Vec<Vec<usize>> {
     let mut piece_of: Vec<usize> = (0..points.len()).collect();
-    for i in 0..points.len() {
-        for j in near.of(i) {
+    for i in (0..points.len()).filter(|&i| !scattered[i]) {
+        for j in near.of(i).filter(|&j| !scattered[j]) {
             let reach = TIE * spacings[i].min(spacings[j]);
             let arm = sub(points[j], points[i]);
             if dot(arm, arm) <= reach * reach {
@@ -141,14 +168,9 @@ fn root(parents: &mut [usize], mut i: usize) -> usize {
 fn fills_space(points: &[Vec3], piece: &[usize]) -> bool {
     let own: Vec<Vec3> = piece.iter().map(|&i| points[i]).collect();
     let tree = Tree::new(&own);
-    let mut shares: Vec<f64> = own
-        .iter()
-        .map(|p| {
-            let near = tree.nearest_n(*p, NEAR);
-            let arms: Vec<Vec3> = near.into_iter().map(|(j, _)| sub(own[j], *p)).collect();
-            let (values, _) = eigen(covariance(&arms));
-            (values[0].max(0.0) / values[1].max(f64::MIN_POSITIVE)).sqrt()
-        })
+    let near = Neighbourhoods::new(&tree, &own, NEAR);
+    let mut spreads: Vec<f64> = (0..own.len())
+        .map(|i| spread(&own, i, near.of(i)))
         .collect();
-    median(&mut shares) > FILLS_SPACE
+    median(&mut spreads) > FILLS_SPACE
 }
