@@ -1,7 +1,7 @@
 //! The surface as its points tell it: normals, spacing, which side is inside, how far it is.
 
 use super::evenness::even_scale;
-use super::neighbours::{Neighbourhoods, Tree};
+use super::neighbours::{Neighbourhoods, Tree, median};
 use super::normals::{NormalSource, Normals, normals, shared};
 use super::sides::{LEVEL, Sides};
 use super::winding::{Oriented, Winding};
@@ -22,8 +22,17 @@ const GAP: f64 = 2.0;
 /// Up to so many local spacings from an open sheet, its own winding number is what divides inside from outside.
 const BESIDE: f64 = 2.0;
 
-/// From so many on, it is that of a closed surface again.
+/// From so many on, it is that of the bag which closes the sheet.
 const AWAY: f64 = 6.0;
+
+/// Winding numbers that divide inside from outside.
+struct OpenSheet {
+    /// At each point, and beside the sheet there.
+    at_points: Vec<f64>,
+    /// Away from it: half of what the sheet has on its inner side, so that the surface closes where the sheet
+    /// fills half as much of the view.
+    away: f64,
+}
 
 /// Oriented points with what is needed to ask about places around them.
 pub struct OrientedSurface {
@@ -44,8 +53,8 @@ pub struct OrientedSurface {
     pub confidence: f64,
     /// How far the winding number is unsure one spacing away from the points.
     doubt: f64,
-    /// The winding number of the surface at each point, where it is an open sheet.
-    levels: Option<Vec<f64>>,
+    /// What divides inside from outside where the points are those of an open sheet.
+    open: Option<OpenSheet>,
     tree: Tree,
     winding: Winding,
 }
@@ -94,12 +103,16 @@ impl OrientedSurface {
         };
         let sides = Sides::new(oriented, &near);
         Self {
-            levels: sides.open().then(|| sides.levels(oriented)),
+            open: sides.open().then(|| OpenSheet::new(sides.levels(oriented))),
             even_points: points.len(),
             source,
             noise,
             confidence: sides.confidence(),
-            doubt: if sparse { f64::INFINITY } else { sides.doubt() },
+            doubt: if sparse || sides.open() {
+                f64::INFINITY
+            } else {
+                sides.doubt()
+            },
             tree,
             winding: sides.winding,
             points,
@@ -115,7 +128,10 @@ impl OrientedSurface {
         Self {
             normals: shared(&points, &self.tree, &self.normals),
             spacings: of_nearest(&self.spacings),
-            levels: self.levels.as_deref().map(of_nearest),
+            open: self.open.map(|sheet| OpenSheet {
+                at_points: of_nearest(&sheet.at_points),
+                ..sheet
+            }),
             points,
             tree,
             ..self
@@ -144,9 +160,9 @@ impl OrientedSurface {
     /// The winding number that divides inside from outside so many spacings away from point `i`.
     fn level(&self, i: usize, away: f64) -> f64 {
         let share = ((AWAY - away) / (AWAY - BESIDE)).clamp(0.0, 1.0);
-        self.levels
-            .as_ref()
-            .map_or(LEVEL, |levels| LEVEL + share * (levels[i] - LEVEL))
+        self.open.as_ref().map_or(LEVEL, |sheet| {
+            sheet.away + share * (sheet.at_points[i] - sheet.away)
+        })
     }
 
     /// Index of the point nearest to `q`, and the distance of `q` to the surface there.
@@ -159,5 +175,15 @@ impl OrientedSurface {
         let gap = GAP * self.spacings[i];
         let least = (to_point * to_point - gap * gap).max(0.0);
         (i, to_plane.max(least.sqrt()))
+    }
+}
+
+impl OpenSheet {
+    fn new(at_points: Vec<f64>) -> Self {
+        let inner = median(&mut at_points.clone()) + LEVEL;
+        Self {
+            at_points,
+            away: 0.5 * inner,
+        }
     }
 }

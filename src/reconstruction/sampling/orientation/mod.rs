@@ -13,7 +13,7 @@ use super::winding::Oriented;
 use crate::reconstruction::random::{Purpose, stream};
 use crate::reconstruction::vector::Vec3;
 use consistency::Consistent;
-use contradiction::contradiction;
+use contradiction::{Contradiction, contradiction};
 
 pub(super) use spanning::points_inwards;
 
@@ -55,6 +55,10 @@ const IMPROVED: f64 = 0.8;
 /// The spanning tree is believed if its contradiction is below this share of the winding field's.
 const CLEARLY_LESS: f64 = 0.5;
 
+/// A sheet that no sides close is believed to have one side where closing it is contradicted less than so many
+/// times as much.
+const HARDLY_MORE: f64 = 1.3;
+
 /// How much the fits lean to large neighbourhoods: little, so that the shape is kept, ...
 const LEANING: f64 = 0.25;
 
@@ -87,7 +91,10 @@ pub fn orient(points: &[Vec3], tree: &Tree, neighbours: &Neighbourhoods) -> Esti
     }
     let wound = cloud.settled();
     let [of_spanned, of_wound] = [&spanned, &wound].map(|jets| cloud.contradiction(&jets.normals));
-    if of_spanned < CLEARLY_LESS * of_wound {
+    let closes = of_spanned.closed < CLEARLY_LESS * of_wound.closed;
+    let has_one_side = of_spanned.sheet < CLEARLY_LESS * of_wound.sheet
+        && of_spanned.closed < HARDLY_MORE * of_wound.closed;
+    if closes || has_one_side {
         spanned.into()
     } else {
         wound.into()
@@ -169,10 +176,10 @@ impl<'a> Cloud<'a> {
             best = self.wound(width);
         }
         if self.rough(&best) {
-            let mut least = self.contradiction(&best.normals);
+            let mut least = self.contradiction(&best.normals).closed;
             while width < WIDE {
                 let wider = self.wound(2.0 * width);
-                let found = self.contradiction(&wider.normals);
+                let found = self.contradiction(&wider.normals).closed;
                 if found > IMPROVED * least {
                     break;
                 }
@@ -208,7 +215,7 @@ impl<'a> Cloud<'a> {
         jets.error() > ROUGH * self.spacing
     }
 
-    fn contradiction(&self, normals: &[Vec3]) -> f64 {
+    fn contradiction(&self, normals: &[Vec3]) -> Contradiction {
         contradiction(Oriented {
             points: self.points,
             normals,

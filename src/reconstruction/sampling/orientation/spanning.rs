@@ -46,7 +46,8 @@ pub(super) fn propagated(
                 normals: &oriented,
                 areas: &neighbours.areas(points, &oriented, &spacings),
                 spacings: &spacings,
-            });
+            })
+            .closed;
             if contradiction < best.0 {
                 best = (contradiction, oriented);
             }
