@@ -55,9 +55,9 @@ const IMPROVED: f64 = 0.8;
 /// The spanning tree is believed if its contradiction is below this share of the winding field's.
 const CLEARLY_LESS: f64 = 0.5;
 
-/// A sheet that no sides close is believed to have one side where closing it is contradicted less than so many
-/// times as much.
-const HARDLY_MORE: f64 = 1.3;
+/// Contradiction of the best sides from which on no sides make a closed surface of the points: a flat sheet is at
+/// 0.5, what lacks less than half of its surface below 0.15.
+const NOTHING_CLOSES: f64 = 0.2;
 
 /// How much the fits lean to large neighbourhoods: little, so that the shape is kept, ...
 const LEANING: f64 = 0.25;
@@ -86,14 +86,11 @@ pub fn orient(points: &[Vec3], tree: &Tree, neighbours: &Neighbourhoods) -> Esti
     let flat = estimate(points, tree, neighbours.count());
     let spanned = spanning::propagated(points, &flat, neighbours);
     let spanned = cloud.fitted(&spanned);
-    if spanning::open(points, &spanned.normals, neighbours) {
-        return spanned.into();
-    }
     let wound = cloud.settled();
     let [of_spanned, of_wound] = [&spanned, &wound].map(|jets| cloud.contradiction(&jets.normals));
     let closes = of_spanned.closed < CLEARLY_LESS * of_wound.closed;
-    let has_one_side = of_spanned.sheet < CLEARLY_LESS * of_wound.sheet
-        && of_spanned.closed < HARDLY_MORE * of_wound.closed;
+    let has_one_side =
+        of_spanned.sheet < CLEARLY_LESS * of_wound.sheet && of_wound.closed > NOTHING_CLOSES;
     if closes || has_one_side {
         spanned.into()
     } else {

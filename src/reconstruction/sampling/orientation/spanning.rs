@@ -148,12 +148,6 @@ pub(in crate::reconstruction::sampling) fn points_inwards(
     votes.sum::<f64>() < 0.0
 }
 
-/// Whether the normals of all points enclose no clear volume: an open, nearly flat piece.
-pub(super) fn open(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) -> bool {
-    let all: Vec<usize> = (0..points.len()).collect();
-    enclosed(points, normals, &all, neighbours).abs() <= CLEAR_VOLUME
-}
-
 /// Volume that the normals of a piece enclose, as a share of the most that it could.
 fn enclosed(
     points: &[Vec3],
