@@ -6,7 +6,7 @@ use super::mesh::{PointTree, TriangleMesh};
 use super::network::{Engine, Ensemble, Model, Scalar, engine};
 use super::observer::{Event, Observer, Phase};
 use super::report::{Report, Stopwatch, Subject, SurfaceReport, TrainingReport};
-use super::sampling::{Prepared, prepare};
+use super::sampling::{Prepared, boundary, prepare};
 use super::settings::{OutputLayer, Precision, Settings, Training};
 use super::surface::{Field, MAX_TRIANGLES, Request, extract, keep_components};
 use super::training::{Hooks, Identity, Problem, Termination, Trained, train};
@@ -86,7 +86,11 @@ fn run<T: Scalar>(
 
     observer.event(Event::Phase(Phase::Sampling));
     cloud.validate()?;
-    let prepared = prepare(cloud, settings, &stopped)?;
+    let boundary = boundary(cloud, settings)?;
+    let cloud = boundary.as_ref().map_or(cloud, |body| &body.cloud);
+    let mut prepared = prepare(cloud, settings, &stopped)?;
+    let done = boundary.as_ref().map(|body| body.warning.clone());
+    prepared.warnings.splice(0..0, done);
     for warning in &prepared.warnings {
         observer.event(Event::Warning(warning));
     }

@@ -29,6 +29,12 @@ pub enum Error {
          not far from the origin"
     )]
     Degenerate(&'static str),
+    /// The points are all through a body.
+    #[error(
+        "the points fill a solid volume, but the points of its surface are needed; give those, or all voxels of a \
+         segmentation, whose centres lie on a regular lattice along the axes"
+    )]
+    Filled,
     /// Coordinates are NaN or infinite: in a file all of them, in memory any.
     #[error("{dropped} of {total} points have coordinates that are not finite; give finite ones")]
     NotFinite {
@@ -101,6 +107,7 @@ impl Error {
             Self::TooFewPoints { .. } => "cloud_too_few_points",
             Self::TooManyPoints { .. } => "too_many_points",
             Self::Degenerate(_) => "cloud_degenerate",
+            Self::Filled => "cloud_filled",
             Self::NotFinite { .. } => "cloud_not_finite",
             Self::TooLarge { .. } => "cloud_too_large",
             Self::Truncated { .. } => "cloud_truncated",

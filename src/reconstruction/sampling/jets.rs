@@ -120,6 +120,14 @@ impl Jets {
     }
 }
 
+/// `point` moved onto the quadric through the ends of `arms` from it, nearest first, seen along `normal`; and the
+/// normal of the quadric there. Both stay where the arms do not determine it.
+pub(super) fn moved(point: Vec3, normal: Vec3, arms: &[Vec3]) -> (Vec3, Vec3) {
+    fit(arms, normal, 6).map_or((point, normal), |fit| {
+        (along(point, fit.error, fit.normal), fit.normal)
+    })
+}
+
 /// Normal of the first point of `pool`, and error, of that kind of fit whose error over the pool, times
 /// its `factor`, is least.
 fn best(

@@ -4,10 +4,12 @@
 //! way is out, which side a place is on) comes from all its points, what is trained on from an even
 //! subset within the budget.
 
+mod body;
 mod evenness;
 pub mod frame;
 mod given;
 pub mod jets;
+mod lattice;
 pub mod neighbours;
 pub mod normals;
 pub mod orientation;
@@ -16,6 +18,8 @@ mod prepare;
 pub mod samples;
 pub mod selection;
 mod sides;
+mod solid;
+mod stairs;
 mod strays;
 mod uncertainty;
 pub mod winding;
@@ -30,6 +34,7 @@ use super::vector::Vec3;
 pub use frame::Frame;
 pub use normals::NormalSource;
 pub use prepare::prepare;
+pub(super) use solid::boundary;
 
 /// Points with targets and weights of the least-squares fit, in the frame of training.
 #[derive(Debug, Clone, Default, PartialEq)]
