@@ -72,7 +72,7 @@ fn told(points: usize, body: &Body) -> Boundary {
          the solid volume and the outside, through {} faces whose steps are smoothed away",
         faces.len()
     );
-    let (points, normals) = smoothed(&faces, body.edges.into_iter().fold(0.0, f64::max));
+    let (points, normals) = smoothed(&faces, (x * y * z).cbrt());
     Boundary {
         cloud: PointCloud {
             points,

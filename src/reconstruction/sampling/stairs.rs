@@ -6,8 +6,8 @@ use super::jets::moved;
 use super::neighbours::{Neighbourhoods, Tree};
 use crate::reconstruction::vector::{Vec3, add, dot, norm, normalized, sub};
 
-/// Radius of the neighbourhoods over which steps are smoothed, in edges of a voxel: the least at which no step of
-/// a sphere, an ellipsoid and a tube of radius 3 to 15 voxels shows.
+/// Radius of the neighbourhoods over which steps are smoothed, in edges of a voxel: chosen on label maps of an
+/// organ and of a vessel three voxels wide, whose steps vanish and whose volume stays within 2 %.
 const REACH: f64 = 3.0;
 
 /// Most faces in such a neighbourhood that are looked at.
@@ -17,7 +17,7 @@ const MOST: usize = 128;
 const SAME_SHEET: f64 = 0.2;
 
 /// Points of the smooth surface at the middles of `faces`, and its unit normals there. The faces come with outward
-/// normals as long as they are large; `edge` is the longest edge of a voxel.
+/// normals as long as they are large; `edge` is that of a cube as large as a voxel.
 ///
 /// The normals are those of all faces around; along them, each middle is moved onto the quadric that fits the
 /// middles around.
