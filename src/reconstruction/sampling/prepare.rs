@@ -5,7 +5,7 @@ use super::neighbours::{Neighbourhoods, Tree, median};
 use super::oriented::OrientedSurface;
 use super::samples::{Grading, Sampler};
 use super::selection::{Split, even_subset, pick};
-use super::uncertainty::{Uncertainty, sparse};
+use super::uncertainty::{Uncertainty, believed_noise, sparse};
 use super::working::working_points;
 use super::{Counts, Prepared, Samples};
 use crate::reconstruction::cloud::{self, Label, PointCloud};
@@ -65,7 +65,7 @@ pub fn prepare(
     let share = validated.len() as f64 / split.trained.len() as f64;
     let spacing = spacing(&trained, surface.as_ref());
     let uncertainty = surface.as_ref().map(|surface| Uncertainty {
-        noise: surface.noise,
+        noise: believed_noise(surface.noise, surface.points.len(), spacing),
         spacing,
         band: scene.grading.band,
         sparse: scene.sparse,
