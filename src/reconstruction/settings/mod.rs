@@ -309,6 +309,15 @@ mod tests {
     use super::*;
 
     #[test]
+    fn settings_from_before_open_surfaces_stay_closed() {
+        let mut stored = serde_json::to_value(Preset::Fine.settings()).unwrap();
+        let surface = stored["surface"].as_object_mut().unwrap();
+        assert_eq!(surface.remove("open"), Some("closed".into()));
+        let settings: Settings = serde_json::from_value(stored).unwrap();
+        assert_eq!(settings, Preset::Fine.settings());
+    }
+
+    #[test]
     fn few_generated_samples_keep_few_pairs() {
         let balanced = Preset::Balanced.settings();
         assert_eq!(balanced.kept_pairs(640), 10);
