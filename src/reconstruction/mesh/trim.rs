@@ -48,7 +48,11 @@ pub fn trim(
             (false, false) => Side::Near,
         })
         .collect();
-    for triangle in &mesh.triangles {
+    let on_far_side = flat_beyond(mesh, &sides, level, distances);
+    for (t, triangle) in mesh.triangles.iter().enumerate() {
+        if on_far_side.binary_search(&t).is_ok() {
+            continue;
+        }
         near_part(*triangle, &sides, &cuts, &mut trimmed);
     }
     split_fans(&mut trimmed, &cuts.through);
@@ -222,6 +226,31 @@ fn place_cuts(
         }
     }
     cuts
+}
+
+/// Triangles between vertices that the cut goes through whose middle is beyond `level`: their corners do not tell
+/// on which side they are.
+fn flat_beyond(
+    mesh: &TriangleMesh,
+    sides: &[Side],
+    level: f64,
+    distances: &dyn Fn(&[Vec3]) -> Vec<f64>,
+) -> Vec<usize> {
+    let on = |t: &usize| {
+        let corners = mesh.triangles[*t];
+        corners.iter().all(|v| sides[*v as usize] == Side::On)
+    };
+    let flat: Vec<usize> = (0..mesh.triangles.len()).filter(on).collect();
+    let middle = |t: &usize| {
+        let [a, b, c] = mesh.corners(*t);
+        scale(add(add(a, b), c), 1.0 / 3.0)
+    };
+    let middles: Vec<Vec3> = flat.iter().map(middle).collect();
+    let measured = flat.into_iter().zip(distances(&middles));
+    measured
+        .filter(|(_, distance)| *distance > level)
+        .map(|(t, _)| t)
+        .collect()
 }
 
 /// Adds the part of a triangle on the near side to `trimmed`, turned as the triangle is.
