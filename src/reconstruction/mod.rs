@@ -33,6 +33,7 @@ pub mod vector;
 pub mod verify;
 
 mod error;
+mod mesher;
 mod observer;
 mod run;
 mod symmetric;

@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 
 use meshway::reconstruction::network::{Ensemble, Libtorch, Scalar};
 use meshway::reconstruction::sampling::Samples;
-use meshway::reconstruction::settings::{Optimizer, Preset, Scheme, Training};
+use meshway::reconstruction::settings::{Open, Optimizer, Preset, Scheme, Training};
 use meshway::reconstruction::training::{Hooks, Identity, Metrics, Problem, Trained, train};
 use meshway::reconstruction::{Error, Event, Observer};
 
@@ -189,4 +189,8 @@ fn the_identity_changes_with_every_sample_and_setting() {
     let mut other = settings.clone();
     other.training.seed += 1;
     assert_ne!(base, Identity::new(&other, &spiral(60), &none));
+    // What happens after training: checkpoints that are older than the setting stay good.
+    let mut trimmed = settings.clone();
+    trimmed.surface.open = Open::Trimmed;
+    assert_eq!(base, Identity::new(&trimmed, &spiral(60), &none));
 }

@@ -6,6 +6,7 @@ mod engines;
 mod ensemble;
 mod mesh;
 mod network;
+mod open;
 mod optimiser;
 mod orientation;
 mod readers;

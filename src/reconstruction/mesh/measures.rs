@@ -88,7 +88,7 @@ impl TriangleMesh {
         self.drop_unused_vertices();
     }
 
-    fn drop_unused_vertices(&mut self) {
+    pub(super) fn drop_unused_vertices(&mut self) {
         let mut used = vec![false; self.vertices.len()];
         for &v in self.triangles.iter().flatten() {
             used[v as usize] = true;

@@ -6,12 +6,14 @@ mod distance;
 mod measures;
 pub mod read;
 mod topology;
+mod trim;
 pub mod write;
 
 use super::vector::Vec3;
 
 pub use distance::{Closest, Distances, PointTree, SurfacePoint, SurfaceTree, sample_surface};
 pub use topology::{Topology, components};
+pub use trim::trim;
 
 /// Name in PLY files of [`TriangleMesh::distance_to_points`].
 const PLY_DISTANCE: &str = "distance_to_points";

@@ -205,18 +205,18 @@ fn next(corner: u32) -> u32 {
 }
 
 /// A forest in which the smallest member stands for its set.
-struct DisjointSets {
+pub(super) struct DisjointSets {
     parents: Vec<u32>,
 }
 
 impl DisjointSets {
-    fn new(members: usize) -> Self {
+    pub(super) fn new(members: usize) -> Self {
         Self {
             parents: (0..members as u32).collect(),
         }
     }
 
-    fn find(&mut self, mut member: u32) -> u32 {
+    pub(super) fn find(&mut self, mut member: u32) -> u32 {
         while self.parents[member as usize] != member {
             let grandparent = self.parents[self.parents[member as usize] as usize];
             self.parents[member as usize] = grandparent;
@@ -225,7 +225,7 @@ impl DisjointSets {
         member
     }
 
-    fn unite(&mut self, a: u32, b: u32) {
+    pub(super) fn unite(&mut self, a: u32, b: u32) {
         let (a, b) = (self.find(a), self.find(b));
         self.parents[a.max(b) as usize] = a.min(b);
     }

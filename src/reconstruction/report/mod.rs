@@ -259,10 +259,9 @@ impl Report {
                     .genus
                     .map_or_else(String::new, |genus| format!(", genus {genus}"))
             ),
-            format!(
-                "area {:.6}, volume {:.6}",
-                mesh.area,
-                mesh.volume.unwrap_or(f64::NAN)
+            mesh.volume.map_or_else(
+                || format!("area {:.6}", mesh.area),
+                |volume| format!("area {:.6}, volume {volume:.6}", mesh.area),
             ),
             format!(
                 "loss {:.3e} after {} evaluations ({})",

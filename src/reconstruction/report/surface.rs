@@ -5,6 +5,7 @@ use serde::Serialize;
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::sampling::Frame;
+use crate::reconstruction::settings::Open;
 use crate::reconstruction::surface::{Dropped, Extraction};
 
 /// Percent of the area without points from which on the user is warned.
@@ -30,9 +31,11 @@ pub struct SurfaceReport {
     /// Up to this distance from a surface point of the cloud the mesh is taken as measured: three times the
     /// spacing of the points or of the grid, the larger of the two.
     pub support_distance: f64,
-    /// Percent of the area of the mesh that lies further than that from every surface point: what the network
+    /// Percent of the area of the closed surface that lies further than that from every surface point: what the network
     /// filled in. The rim of a hole, as wide as that distance, does not count.
     pub unsupported_area_percent: f64,
+    /// Percent of the area of the closed surface that was cut away because no point is near.
+    pub trimmed_area_percent: f64,
 }
 
 impl SurfaceReport {
@@ -47,6 +50,7 @@ impl SurfaceReport {
             dropped_area: 0.0,
             support_distance: 0.0,
             unsupported_area_percent: 0.0,
+            trimmed_area_percent: 0.0,
         }
     }
 
@@ -62,8 +66,31 @@ impl SurfaceReport {
         self.unsupported_area_percent = 100.0 * mesh.share_beyond(distance);
     }
 
+    /// Whether to cut away what has no points near, where the user asked for `open`.
+    pub(in crate::reconstruction) fn open(&self, open: Open) -> bool {
+        match open {
+            Open::Auto => self.unsupported_area_percent >= NOTABLE_PERCENT,
+            Open::Closed => false,
+            Open::Trimmed => true,
+        }
+    }
+
+    /// Takes note of what was cut from `closed` to get `mesh`.
+    pub(in crate::reconstruction) fn trimmed(
+        &mut self,
+        closed: &TriangleMesh,
+        mesh: &TriangleMesh,
+    ) {
+        let kept = mesh.area() / closed.area();
+        // Rounding aside, nothing is added; a surface without area has lost none.
+        self.trimmed_area_percent = (100.0 * (1.0 - kept)).max(0.0);
+    }
+
     /// What to warn of: a mesh of which a notable part was not measured.
     pub(in crate::reconstruction) fn warning(&self) -> Option<Warning> {
+        if self.trimmed_area_percent > 0.0 {
+            return None;
+        }
         let message = self.unsupported(NOTABLE_PERCENT)?;
         Some(Warning::new(
             "surface_unsupported",
@@ -73,8 +100,14 @@ impl SurfaceReport {
         ))
     }
 
-    /// How much of the mesh was not measured, in words; none below `percent`.
+    /// How much of the closed surface was not measured, in words; none below `percent`.
     pub(super) fn unsupported(&self, percent: f64) -> Option<String> {
+        if self.trimmed_area_percent > 0.0 {
+            return Some(format!(
+                "{:.1} % of the closed surface was cut away: no point within {:.4}",
+                self.trimmed_area_percent, self.support_distance
+            ));
+        }
         (self.unsupported_area_percent >= percent).then(|| {
             format!(
                 "{:.1} % of the surface has no point within {:.4}",

@@ -151,6 +151,8 @@ pub struct Prepared {
     pub counts: Counts,
     /// Median distance between neighbouring trained points, unit frame.
     pub spacing: f64,
+    /// Area of the surface as the points tell it, unit frame; none where nothing is generated.
+    pub area: Option<f64>,
     /// Standard deviation of the surface points from the surface, unit frame; none where nothing is generated.
     pub noise: Option<f64>,
     /// λ of λ/2 |parameters|², which training adds to the loss: what the noise asks for.

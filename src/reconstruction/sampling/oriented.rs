@@ -44,6 +44,8 @@ pub struct OrientedSurface {
     pub spacings: Vec<f64>,
     /// Number of the points that the orientation was worked out on: all, or an even subset of them.
     pub even_points: usize,
+    /// Area of the surface: that of the cells of its points.
+    pub area: f64,
     /// Where the normals come from.
     pub source: NormalSource,
     /// Standard deviation of the points from the surface.
@@ -105,6 +107,7 @@ impl OrientedSurface {
         Self {
             open: sides.open().then(|| OpenSheet::new(sides.levels(oriented))),
             even_points: points.len(),
+            area: areas.iter().sum(),
             source,
             noise,
             confidence: sides.confidence(),

@@ -129,6 +129,7 @@ pub fn prepare(
         held_out: pick(&scene.indices, &pick(&split.held_out, &listed)),
         counts,
         spacing,
+        area: surface.as_ref().map(|surface| surface.area),
         noise: uncertainty.map(|u| u.noise),
         weight_decay,
         uncertain: uncertainty.is_some_and(|u| u.leaves_the_surface_open()),

@@ -79,4 +79,5 @@ pub const CHOICES: &[Choice] = &[
     choice("/sampling/off_surface", &["generated", "labels"]),
     choice("/surface/evaluation", &["sparse", "dense"]),
     choice("/surface/components", &["supported", "largest", "all"]),
+    choice("/surface/open", &["auto", "closed", "trimmed"]),
 ];

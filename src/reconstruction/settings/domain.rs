@@ -156,7 +156,7 @@ mod tests {
             ),
             (
                 json!({"surface": 7}),
-                "is 7, must be an object with some of: components, evaluation, padding, \
+                "is 7, must be an object with some of: components, evaluation, open, padding, \
                  projection_steps, resolution, steps_per_spacing"
                     .to_owned(),
             ),

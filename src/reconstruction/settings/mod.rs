@@ -268,6 +268,19 @@ pub enum Components {
     All,
 }
 
+/// What becomes of a surface where no points are near.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Open {
+    /// Trimmed where a notable part of the closed surface has no points, otherwise closed.
+    Auto,
+    /// It stays closed.
+    #[default]
+    Closed,
+    /// It is cut away, and the mesh ends there.
+    Trimmed,
+}
+
 /// From the network to a mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -286,11 +299,23 @@ pub struct Surface {
     pub projection_steps: usize,
     /// Which connected components are kept.
     pub components: Components,
+    /// What becomes of the surface where no points are near.
+    #[serde(default)]
+    pub open: Open,
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn settings_from_before_open_surfaces_stay_closed() {
+        let mut stored = serde_json::to_value(Preset::Fine.settings()).unwrap();
+        let surface = stored["surface"].as_object_mut().unwrap();
+        assert_eq!(surface.remove("open"), Some("closed".into()));
+        let settings: Settings = serde_json::from_value(stored).unwrap();
+        assert_eq!(settings, Preset::Fine.settings());
+    }
 
     #[test]
     fn few_generated_samples_keep_few_pairs() {

@@ -4,8 +4,8 @@ use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Components, Engine, Evaluation, Frame, Network, OffSurface, Optimizer, OutputLayer, Precision,
-    Sampling, Scheme, Settings, Surface, Targets, Training,
+    Components, Engine, Evaluation, Frame, Network, OffSurface, Open, Optimizer, OutputLayer,
+    Precision, Sampling, Scheme, Settings, Surface, Targets, Training,
 };
 
 /// A named set of settings.
@@ -132,6 +132,7 @@ fn balanced() -> Settings {
             padding: 0.1,
             projection_steps: 2,
             components: Components::Supported,
+            open: Open::Closed,
         },
     }
 }

@@ -37,7 +37,7 @@ impl Identity {
     /// Never: settings always have a form in JSON.
     pub fn new(settings: &Settings, training: &Samples, validation: &Samples) -> Self {
         let mut hash = Sha256::new();
-        hash.update(serde_json::to_vec(settings).expect("settings are plain numbers and names"));
+        hash.update(trained_settings(settings));
         for samples in [training, validation] {
             hash.update((samples.points.len() as u64).to_le_bytes());
             samples.points.iter().for_each(|p: &Vec3| add(&mut hash, p));
@@ -49,6 +49,15 @@ impl Identity {
         }
         Self(hash.finalize().into())
     }
+}
+
+/// The settings as JSON, without `surface.open`: training does not depend on it, and checkpoints that are older
+/// than it stay good.
+fn trained_settings(settings: &Settings) -> String {
+    let json =
+        |value: serde_json::Result<String>| value.expect("settings are plain numbers and names");
+    let open = json(serde_json::to_string(&settings.surface.open));
+    json(serde_json::to_string(settings)).replacen(&format!(",\"open\":{open}"), "", 1)
 }
 
 fn add(hash: &mut Sha256, values: &[f64]) {

@@ -13,7 +13,7 @@ use meshway::reconstruction::vector::Vec3;
 use super::{cube, moved, sphere, tetrahedron};
 
 /// All formats that our reader knows.
-pub(super) const READABLE: [Format; 6] = [
+pub(crate) const READABLE: [Format; 6] = [
     Format::PlyBinary,
     Format::PlyAscii,
     Format::Obj,
@@ -22,7 +22,7 @@ pub(super) const READABLE: [Format; 6] = [
     Format::Glb,
 ];
 
-pub(super) fn written(mesh: &TriangleMesh, format: Format) -> Vec<u8> {
+pub(crate) fn written(mesh: &TriangleMesh, format: Format) -> Vec<u8> {
     let mut bytes = Vec::new();
     write(mesh, format, &mut bytes).unwrap();
     bytes

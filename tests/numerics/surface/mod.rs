@@ -2,6 +2,7 @@
 
 mod closed;
 mod fields;
+pub(crate) mod trim;
 
 use std::cell::Cell;
 use std::f64::consts::PI;

@@ -1,0 +1,146 @@
+//! From a trained field to the mesh that a run gives: everything that is the same for snapshots and the result.
+
+use std::f64::consts::PI;
+
+use super::cloud::PointCloud;
+use super::error::Error;
+use super::mesh::{PointTree, TriangleMesh, trim};
+use super::observer::Observer;
+use super::report::SurfaceReport;
+use super::sampling::Prepared;
+use super::settings::{Components, Settings};
+use super::surface::{Field, MAX_TRIANGLES, Request, extract, keep_components};
+use super::vector::{Bounds, Vec3};
+
+/// Turns fields into meshes.
+pub(super) struct Mesher<'a> {
+    cloud: &'a PointCloud,
+    pub(super) settings: &'a Settings,
+    pub(super) prepared: &'a Prepared,
+    pub(super) observer: &'a dyn Observer,
+    bounds: Bounds,
+    surface_points: Vec<Vec3>,
+}
+
+impl<'a> Mesher<'a> {
+    pub(super) fn new(
+        cloud: &'a PointCloud,
+        settings: &'a Settings,
+        prepared: &'a Prepared,
+        observer: &'a dyn Observer,
+    ) -> Self {
+        let surface_points: Vec<Vec3> = prepared
+            .surface
+            .iter()
+            .chain(&prepared.held_out)
+            .map(|&i| prepared.frame.to_unit(cloud.points[i]))
+            .collect();
+        let origin = Bounds {
+            min: [0.0; 3],
+            max: [0.0; 3],
+        };
+        let bounds = Bounds::of(&surface_points).unwrap_or(origin);
+        let bounds = bounds.padded(settings.surface.padding * bounds.longest_edge());
+        Self {
+            cloud,
+            settings,
+            prepared,
+            observer,
+            bounds,
+            surface_points,
+        }
+    }
+
+    /// Grid points along the longest edge: those of the settings, no more than the spacing of the points carries,
+    /// and so many more for a body with little surface for its length that the grid has as many cells at the
+    /// surface as for a ball.
+    fn resolution(&self) -> usize {
+        let settings = &self.settings.surface;
+        if settings.steps_per_spacing <= 0.0 {
+            return settings.resolution;
+        }
+        let longest = self.bounds.longest_edge();
+        let step = self.prepared.spacing / settings.steps_per_spacing;
+        let enough = ((longest / step).ceil() as usize).max(LEAST_RESOLUTION);
+        let chosen = settings.resolution.min(enough);
+        let Some(area) = self.prepared.area else {
+            return chosen;
+        };
+        let slenderness = (PI * longest * longest / area).sqrt();
+        let cube = longest.powi(3) / self.bounds.extent().into_iter().product::<f64>();
+        let most = MOST_RESOLUTION.min((MOST_GRID_POINTS * cube).cbrt());
+        let finer = (settings.resolution as f64 * slenderness).min(most) as usize;
+        chosen.max(finer.min(enough))
+    }
+
+    /// The mesh of `field`, in the coordinates of the input.
+    pub(super) fn mesh(
+        &self,
+        field: &dyn Field,
+        stopped: &dyn Fn() -> bool,
+        progress: &dyn Fn(f64),
+    ) -> Result<(TriangleMesh, SurfaceReport), Error> {
+        let settings = &self.settings.surface;
+        let extraction = extract(
+            field,
+            &Request {
+                bounds: self.bounds,
+                resolution: self.resolution(),
+                evaluation: settings.evaluation,
+                projection_steps: settings.projection_steps,
+                max_triangles: MAX_TRIANGLES,
+                cancelled: stopped,
+                progress,
+            },
+        )?;
+        let mut report = SurfaceReport::new(&extraction, &self.prepared.frame);
+        let reach = SUPPORT_REACH * self.prepared.spacing.max(extraction.grid.spacing);
+        let (mut mesh, dropped) = keep_components(
+            extraction.mesh,
+            settings.components,
+            &self.surface_points,
+            reach,
+        );
+        if mesh.triangles.is_empty() {
+            return Err(Error::NoSurface(
+                "no point of the cloud lies near any component of its zero set; try more \
+                 training.max_evaluations, or surface.components all"
+                    .to_owned(),
+            ));
+        }
+        report.dropped(dropped, &self.prepared.frame);
+        for vertex in &mut mesh.vertices {
+            *vertex = self.prepared.frame.to_world(*vertex);
+        }
+        let points: Vec<Vec3> = self.prepared.measured(self.cloud).collect();
+        if let Some(tree) = PointTree::new(&points) {
+            let reach = self.prepared.frame.length_to_world(reach);
+            mesh.distance_to_points = tree.distances(&mesh.vertices);
+            report.supported(&mesh, reach);
+            if report.open(settings.open) {
+                let trimmed = trim(&mesh, reach, &|places| tree.distances(places));
+                let (trimmed, _) = keep_components(trimmed, Components::Supported, &points, reach);
+                // Where nothing is near, nothing would be left; the warning tells that none of it was measured.
+                if !trimmed.triangles.is_empty() {
+                    report.trimmed(&mesh, &trimmed);
+                    mesh = trimmed;
+                }
+            }
+        }
+        Ok((mesh, report))
+    }
+}
+
+/// Most grid points along the longest edge, as in the settings.
+const MOST_RESOLUTION: f64 = 1024.0;
+
+/// Most grid points in all where slender bodies get more than the settings say: a bit each for three sets of them
+/// is 50 MB.
+const MOST_GRID_POINTS: f64 = 1.3e8;
+
+/// Least number of grid points along the longest edge that the spacing of the points leads to.
+const LEAST_RESOLUTION: usize = 64;
+
+/// How far a point may be from a component, or a piece of the surface, that it supports, in spacings of points
+/// or grid. The gaps of a random sampling stay below two.
+const SUPPORT_REACH: f64 = 3.0;
