@@ -16,3 +16,4 @@ mod surface;
 mod traces;
 mod training;
 mod uncertainty;
+mod verdict;
