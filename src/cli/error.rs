@@ -29,6 +29,9 @@ pub enum Failure {
     /// The reconstruction gave no mesh.
     #[error("reconstruction failed: {0}")]
     Reconstruction(String),
+    /// The mesh is there and likely wrong.
+    #[error("the mesh is likely wrong: {0}")]
+    Poor(String),
     /// A result cannot be written, or a check did not pass.
     #[error("{0}")]
     Output(String),
@@ -69,6 +72,7 @@ impl Failure {
             Self::Usage(_) | Self::Settings(_) => 2,
             Self::Input { .. } => 3,
             Self::Reconstruction(_) => 4,
+            Self::Poor(_) => 5,
         })
     }
 
@@ -85,6 +89,8 @@ impl Failure {
                     eprintln!("  {violation}");
                 }
             }
+            // Results are there: it ends a command that did what it was asked.
+            Self::Poor(_) => eprintln!("warning: {self}"),
             failure => eprintln!("error: {failure}"),
         }
     }

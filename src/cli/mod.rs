@@ -74,7 +74,8 @@ pub fn main() -> ExitCode {
 
 /// Runs the program: what it returns is the exit code.
 ///
-/// 0 done, 1 a check or an output failed, 2 usage or settings, 3 input, 4 reconstruction failed.
+/// 0 done, 1 a check or an output failed, 2 usage or settings, 3 input, 4 reconstruction failed,
+/// 5 the mesh is likely wrong and `--strict` asks for it.
 fn run(cli: Cli) -> ExitCode {
     let result = match cli.command {
         Command::Reconstruct(arguments) => reconstruct::run(&arguments),

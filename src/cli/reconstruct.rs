@@ -11,11 +11,12 @@ use super::files::{Sink, read, read_cloud};
 use super::progress::Progress;
 use crate::reconstruction::cloud::{Label, PointCloud};
 use crate::reconstruction::mesh::write::{Format, write};
+use crate::reconstruction::report::Verdict;
 use crate::reconstruction::settings::assignments;
 use crate::reconstruction::training::Metrics;
 use crate::reconstruction::{
-    Event, Input, Observer, Preset, Reconstruction, Settings, Warning, in_pool, reconstruct,
-    set_threads,
+    Event, Input, Observer, Preset, Reconstruction, Report, Settings, Warning, in_pool,
+    reconstruct, set_threads,
 };
 
 /// Arguments of `meshway reconstruct`.
@@ -59,7 +60,10 @@ pub(super) struct Arguments {
     /// Threads to compute with, at most the cores of the machine (the default).
     #[arg(long)]
     threads: Option<usize>,
-    /// Print errors only.
+    /// Exit code 5 where the verdict on the mesh is poor; mesh and report are written all the same.
+    #[arg(long)]
+    strict: bool,
+    /// Print errors only, and the warning of a mesh that is likely wrong.
     #[arg(short, long)]
     quiet: bool,
 }
@@ -86,7 +90,27 @@ fn run_with(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     if let Some(name) = sinks.mesh.name() {
         progress.say(&format!("mesh: {name}"));
     }
-    Ok(())
+    match poor(&result.report) {
+        Some(failure) if arguments.strict => Err(failure),
+        Some(failure) => {
+            failure.print();
+            Ok(())
+        }
+        None => Ok(()),
+    }
+}
+
+/// A mesh that is likely wrong, in one line; none where it is not.
+fn poor(report: &Report) -> Option<Failure> {
+    if report.verdict != Verdict::Poor {
+        return None;
+    }
+    let (first, others) = report.verdict_reasons.split_first()?;
+    let more = match others.len() {
+        0 => String::new(),
+        count => format!("; {count} more in `verdict_reasons` of the report"),
+    };
+    Some(Failure::Poor(format!("{}{more}", first.message)))
 }
 
 fn settings(arguments: &Arguments) -> Result<Settings, Failure> {

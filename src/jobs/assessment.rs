@@ -3,44 +3,9 @@
 //! The report is the one place where these are kept. Reports of earlier versions have no verdict,
 //! and what is missing in a report is null here.
 
-use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-/// How far a mesh can be relied on, as its report says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// As far as the points tell.
-    Good,
-    /// In parts: the reasons say why.
-    Doubtful,
-    /// Not at all: the reasons say why.
-    Poor,
-}
-
-impl Verdict {
-    /// All of them, the best first.
-    pub const ALL: [Self; 3] = [Self::Good, Self::Doubtful, Self::Poor];
-
-    /// Its name in reports, in JSON and in headers.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Good => "good",
-            Self::Doubtful => "doubtful",
-            Self::Poor => "poor",
-        }
-    }
-
-    /// The verdict of this name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|verdict| verdict.name() == name)
-    }
-
-    /// The verdict of a report; none in those of earlier versions.
-    pub fn of(report: &Value) -> Option<Self> {
-        report["verdict"].as_str().and_then(Self::from_name)
-    }
-}
+use crate::reconstruction::report::Verdict;
 
 /// The members of a job's JSON that its report gives: `verdict`, `verdict_reasons`, `warnings` and
 /// `mesh`, each null without a report and where the report has none.

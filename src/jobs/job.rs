@@ -6,9 +6,9 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::assessment::Verdict;
 use super::attempt::{FailureReason, Problem};
 use super::{CloudId, JobId};
+use crate::reconstruction::report::Verdict;
 use crate::reconstruction::{Phase, Preset, Settings};
 
 /// Where a job stands.

@@ -35,7 +35,7 @@ pub mod store;
 pub mod supervisor;
 pub mod worker;
 
-pub use assessment::Verdict;
+pub use crate::reconstruction::report::Verdict;
 pub use attempt::{
     Claim, FailureReason, Fault, Lease, NewEvent, NewMesh, Problem, Record, Success,
 };

@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 use serde_json::Value;
 use tempfile::TempDir;
 
-fn meshway(folder: &Path, arguments: &[&str]) -> Output {
+pub(crate) fn meshway(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_meshway"))
         .args(arguments)
         .current_dir(folder)
@@ -16,7 +16,7 @@ fn meshway(folder: &Path, arguments: &[&str]) -> Output {
 }
 
 /// Runs and expects success; gives standard output.
-fn succeed(folder: &Path, arguments: &[&str]) -> String {
+pub(crate) fn succeed(folder: &Path, arguments: &[&str]) -> String {
     let output = meshway(folder, arguments);
     let message = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{arguments:?}: {message}");
@@ -44,7 +44,7 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-fn read_json(path: &Path) -> Value {
+pub(crate) fn read_json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 
@@ -56,12 +56,12 @@ const QUICK: &[&str] = &[
     "--set=surface.resolution=40",
 ];
 
-fn quick(cloud: &str, output: &str, more: &[&'static str]) -> Vec<String> {
+pub(crate) fn quick(cloud: &str, output: &str, more: &[&'static str]) -> Vec<String> {
     let all = [&["reconstruct", cloud, "-o", output], QUICK, more].concat();
     all.into_iter().map(str::to_owned).collect()
 }
 
-fn strings(arguments: &[String]) -> Vec<&str> {
+pub(crate) fn strings(arguments: &[String]) -> Vec<&str> {
     arguments.iter().map(String::as_str).collect()
 }
 

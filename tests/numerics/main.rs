@@ -17,3 +17,4 @@ mod surface;
 mod traces;
 mod training;
 mod uncertainty;
+mod verdict;

@@ -285,8 +285,9 @@ async fn a_served_job_shows_the_warnings_of_its_file_and_of_its_run() {
     }
     let percent = job["mesh"]["unsupported_area_percent"].as_f64().unwrap();
     assert!(percent > 10.0, "{percent}");
-    // Whatever the report says; where it has no verdict, the job has none.
-    let says = |name: &str| report.get(name).cloned().unwrap_or_default();
-    assert_eq!(job["verdict"], says("verdict"));
-    assert_eq!(job["verdict_reasons"], says("verdict_reasons"));
+    assert_eq!(job["verdict"], "doubtful", "{job}");
+    assert_eq!(job["verdict_reasons"][0]["code"], "surface_unsupported");
+    for name in ["verdict", "verdict_reasons"] {
+        assert_eq!(job[name], report[name]);
+    }
 }

@@ -1,7 +1,9 @@
 //! The report of a run: its quality, and the record that makes it again.
 
+mod evidence;
 mod stopwatch;
 mod surface;
+mod verdict;
 
 use serde::{Deserialize, Serialize};
 
@@ -20,6 +22,9 @@ use crate::reconstruction::vector::Vec3;
 pub use stopwatch::Seconds;
 pub(super) use stopwatch::Stopwatch;
 pub use surface::SurfaceReport;
+pub use verdict::Verdict;
+
+use evidence::Evidence;
 
 /// Percent of the area without points below which the summary is silent about it.
 const NEGLIGIBLE_PERCENT: f64 = 1.0;
@@ -100,6 +105,11 @@ pub struct CloudReport {
     /// one local spacing inside of the point, below it as far outside. Near 1 where the sides are sure; wrong
     /// normals and noise above the spacing lower it. None where no normals were needed.
     pub orientation_confidence: Option<f64>,
+    /// How many times farther apart the points are across slices or scan lines than along them; 1 where they are
+    /// even. The spacing is then that across.
+    pub anisotropy: f64,
+    /// Area of the surface that the points stand for; none where nothing was generated from the points.
+    pub area: Option<f64>,
     /// λ of the weight decay that training added to the loss.
     pub weight_decay: f64,
 }
@@ -111,6 +121,8 @@ impl CloudReport {
             spacing: to_world(prepared.spacing),
             noise: prepared.noise.map(to_world),
             orientation_confidence: prepared.orientation_confidence,
+            anisotropy: prepared.anisotropy,
+            area: prepared.area.map(|area| area * to_world(1.0).powi(2)),
             weight_decay: prepared.weight_decay,
         }
     }
@@ -139,6 +151,10 @@ pub struct Versions {
 /// Quality of a mesh, and the record needed to make it again.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
+    /// How far the mesh can be relied on.
+    pub verdict: Verdict,
+    /// What speaks against it, the worst first.
+    pub verdict_reasons: Vec<Warning>,
     /// Versions of what computed it.
     pub versions: Versions,
     /// The files; filled in by the caller, who read them.
@@ -223,7 +239,17 @@ impl Report {
         });
         let mut warnings = prepared.warnings.clone();
         warnings.extend(surface.warning());
+        let cloud_report = CloudReport::new(prepared);
+        let used = [trained_on.as_slice(), prepared.held_out.as_slice()].concat();
+        let (verdict, verdict_reasons) = verdict::judge(&Evidence::new(
+            (mesh, &described),
+            (&points(&used), trained_on.len()),
+            &cloud_report,
+            &surface,
+        ));
         Ok(Self {
+            verdict,
+            verdict_reasons,
             versions: Versions::current(),
             inputs: Vec::new(),
             settings: settings.clone(),
@@ -232,7 +258,7 @@ impl Report {
             threads: rayon::current_num_threads(),
             normals: prepared.normals,
             samples: prepared.counts,
-            cloud: CloudReport::new(prepared),
+            cloud: cloud_report,
             training,
             surface,
             mesh: described,
@@ -282,12 +308,22 @@ impl Report {
                 ));
             }
         }
-        lines.extend(self.surface.unsupported(NEGLIGIBLE_PERCENT));
+        let told = |code| {
+            self.verdict_reasons
+                .iter()
+                .any(|reason| reason.code == code)
+        };
+        if !told(surface::UNSUPPORTED) {
+            lines.extend(self.surface.unsupported(NEGLIGIBLE_PERCENT));
+        }
         let s = &self.seconds;
         lines.push(format!(
             "{:.1} s (sampling {:.1}, training {:.1}, surface {:.1}, report {:.1})",
             s.total, s.sampling, s.training, s.surface, s.report
         ));
+        lines.push(format!("verdict: {}", self.verdict.name()));
+        let reasons = self.verdict_reasons.iter();
+        lines.extend(reasons.map(|reason| format!("  {}", reason.message)));
         lines.join("\n")
     }
 }

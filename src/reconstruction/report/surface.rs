@@ -11,6 +11,9 @@ use crate::reconstruction::surface::{Dropped, Extraction};
 /// Percent of the area without points from which on the user is warned.
 const NOTABLE_PERCENT: f64 = 10.0;
 
+/// The code of the warning of area without points.
+pub(super) const UNSUPPORTED: &str = "surface_unsupported";
+
 /// How the surface was extracted; lengths and areas in units of the input.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SurfaceReport {
@@ -93,7 +96,7 @@ impl SurfaceReport {
         }
         let message = self.unsupported(NOTABLE_PERCENT)?;
         Some(Warning::new(
-            "surface_unsupported",
+            UNSUPPORTED,
             format!(
                 "{message}: it is filled in, not measured; `distance_to_points` in PLY tells where"
             ),

@@ -75,10 +75,11 @@ pub(super) fn judged(
         })
         .collect();
     let directions_fail = scattered > WORSE * scatter(&told, neighbours).max(LEAST_SCATTER);
-    let (directions, source) = match directions_fail {
+    let (directions, source) = if directions_fail {
         // Where the sides were not found anew, they are those of the given normals.
-        true => (on_the_sides_of(&signed, told), NormalSource::Estimated),
-        false => (signed, NormalSource::Given),
+        (on_the_sides_of(&signed, told), NormalSource::Estimated)
+    } else {
+        (signed, NormalSource::Given)
     };
     warnings.extend(warning(turned, points.len(), directions_fail && better));
     Normals {

@@ -151,6 +151,9 @@ pub struct Prepared {
     pub counts: Counts,
     /// Median distance between neighbouring trained points, unit frame.
     pub spacing: f64,
+    /// How many times farther apart the points are across slices or scan lines than along them; 1 where they are
+    /// even.
+    pub anisotropy: f64,
     /// Area of the surface as the points tell it, unit frame; none where nothing is generated.
     pub area: Option<f64>,
     /// Standard deviation of the surface points from the surface, unit frame; none where nothing is generated.

@@ -44,6 +44,8 @@ pub struct OrientedSurface {
     pub spacings: Vec<f64>,
     /// Number of the points that the orientation was worked out on: all, or an even subset of them.
     pub even_points: usize,
+    /// Spacing of the even subset over that along slices or scan lines; 1 without a subset.
+    pub anisotropy: f64,
     /// Area of the surface: that of the cells of its points.
     pub area: f64,
     /// Where the normals come from.
@@ -107,6 +109,7 @@ impl OrientedSurface {
         Self {
             open: sides.open().then(|| OpenSheet::new(sides.levels(oriented))),
             even_points: points.len(),
+            anisotropy: 1.0,
             area: areas.iter().sum(),
             source,
             noise,
@@ -127,8 +130,11 @@ impl OrientedSurface {
     /// The same surface seen from all of `points`, over which `tree` was made.
     fn extended_to(self, points: Vec<Vec3>, tree: Tree) -> Self {
         let nearest: Vec<usize> = points.iter().map(|p| self.tree.nearest(*p).0).collect();
+        let mut along = Neighbourhoods::new(&tree, &points, 2).spacings(&points);
+        let across = median(&mut self.spacings.clone());
         let of_nearest = |values: &[f64]| nearest.iter().map(|&i| values[i]).collect();
         Self {
+            anisotropy: across / median(&mut along).max(f64::MIN_POSITIVE),
             normals: shared(&points, &self.tree, &self.normals),
             spacings: of_nearest(&self.spacings),
             open: self.open.map(|sheet| OpenSheet {

@@ -129,6 +129,7 @@ pub fn prepare(
         held_out: pick(&scene.indices, &pick(&split.held_out, &listed)),
         counts,
         spacing,
+        anisotropy: surface.as_ref().map_or(1.0, |surface| surface.anisotropy),
         area: surface.as_ref().map(|surface| surface.area),
         noise: uncertainty.map(|u| u.noise),
         weight_decay,
