@@ -43,7 +43,7 @@ pub struct Normals {
 ///
 /// Given normals are scaled to unit length. Those that are zero or not finite are replaced by
 /// estimated ones on the side of the nearest usable ones; if none is usable, all are estimated and
-/// oriented. If all point inwards, all are turned. What they are worth then is judged by [`judged`].
+/// oriented. If all point inwards, all are turned. What they are worth then is judged point by point.
 pub fn normals(
     points: &[Vec3],
     given: Option<&[Vec3]>,

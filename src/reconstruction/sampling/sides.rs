@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::neighbours::{Neighbourhoods, median, quantile};
+use super::neighbours::{Neighbourhoods, quantile};
 use super::winding::{Oriented, Winding};
 use crate::reconstruction::vector::along;
 
@@ -72,15 +72,11 @@ impl Sides {
         DOUBT_OVER_CHANGE * quantile(&mut changes, DOUBT_QUANTILE)
     }
 
-    /// Whether the points are those of a sheet that is far from closed: the winding number jumps by one there,
-    /// but not from 0 to 1.
+    /// Whether the points are those of a sheet that is far from closed: at most of them the winding number jumps
+    /// by one, but not from 0 to 1. Through a body thinner than the spacing it does not jump.
     pub(super) fn open(&self) -> bool {
-        let mut away: Vec<f64> = self
-            .asked
-            .iter()
-            .map(|asked| (middle(asked.here) - LEVEL).abs())
-            .collect();
-        median(&mut away) > OPEN
+        let jumps = |[inner, outer]: [f64; 2]| inner - outer > 0.5;
+        self.share(|here| jumps(here) && (middle(here) - LEVEL).abs() > OPEN) > 0.5
     }
 
     /// The winding number of the surface at each of the points: half way between both sides.
