@@ -87,7 +87,8 @@ fn run<T: Scalar>(
     cloud.validate()?;
     let boundary = boundary(cloud, settings)?;
     let cloud = boundary.as_ref().map_or(cloud, |body| &body.cloud);
-    let mut prepared = prepare(cloud, settings, &stopped)?;
+    let least_noise = boundary.as_ref().map_or(0.0, |body| body.noise);
+    let mut prepared = prepare(cloud, settings, least_noise, &stopped)?;
     let done = boundary.as_ref().map(|body| body.warning.clone());
     prepared.warnings.splice(0..0, done);
     for warning in &prepared.warnings {

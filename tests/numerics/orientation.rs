@@ -144,7 +144,7 @@ fn confidence(points: &[Vec3], normals: Option<Vec<Vec3>>) -> f64 {
         normals,
         labels: None,
     };
-    let prepared = prepare(&cloud, &Preset::Balanced.settings(), &|| false).unwrap();
+    let prepared = prepare(&cloud, &Preset::Balanced.settings(), 0.0, &|| false).unwrap();
     prepared.orientation_confidence.unwrap()
 }
 

@@ -29,7 +29,7 @@ fn drawn(shape: Shape, points: usize, normals: bool) -> PointCloud {
 }
 
 fn run(cloud: &PointCloud, settings: &Settings) -> Prepared {
-    prepare(cloud, settings, &|| false).unwrap()
+    prepare(cloud, settings, 0.0, &|| false).unwrap()
 }
 
 #[test]
@@ -308,8 +308,9 @@ fn unusable_normals_are_replaced_and_inward_ones_turned() {
 #[test]
 fn what_makes_no_surface_is_refused_with_its_reason() {
     let settings = Preset::Balanced.settings();
-    let refuse =
-        |cloud: &PointCloud, settings: &Settings| prepare(cloud, settings, &|| false).unwrap_err();
+    let refuse = |cloud: &PointCloud, settings: &Settings| {
+        prepare(cloud, settings, 0.0, &|| false).unwrap_err()
+    };
     let few = drawn(SPHERE, 15, false);
     assert!(matches!(
         refuse(&few, &settings),
@@ -331,7 +332,7 @@ fn what_makes_no_surface_is_refused_with_its_reason() {
         ..PointCloud::default()
     };
     assert_eq!(refuse(&same, &settings).code(), "cloud_too_few_points");
-    let cancelled = prepare(&drawn(SPHERE, 100, false), &settings, &|| true);
+    let cancelled = prepare(&drawn(SPHERE, 100, false), &settings, 0.0, &|| true);
     assert!(matches!(cancelled, Err(Error::Cancelled)));
 }
 

@@ -35,7 +35,7 @@ fn bare(points: usize) -> Recipe {
 }
 
 fn prepared(cloud: &PointCloud) -> Prepared {
-    prepare(cloud, &Preset::Balanced.settings(), &|| false).unwrap()
+    prepare(cloud, &Preset::Balanced.settings(), 0.0, &|| false).unwrap()
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn noise_takes_weight_from_the_points_and_gives_it_to_decay() {
     assert!(noisy.weight_decay > 10.0 * clean.weight_decay);
     let mut settings = Preset::Balanced.settings();
     settings.training.smoothing = 0.0;
-    let plain = prepare(&sample(&TORUS, &bare(1_500)), &settings, &|| false).unwrap();
+    let plain = prepare(&sample(&TORUS, &bare(1_500)), &settings, 0.0, &|| false).unwrap();
     assert!(plain.weight_decay.abs() < f64::EPSILON);
 }
 

@@ -25,7 +25,8 @@ const VALIDATED_EVERY: usize = 4;
 /// As many are validated on in any case, if they are there: fewer give a noisy loss.
 const MIN_VALIDATED: usize = 500;
 
-/// Turns a cloud into training and validation samples.
+/// Turns a cloud into training and validation samples. Its points are `least_noise` off the surface at least,
+/// in units of the cloud, as is known of those that were made from voxels; 0 of measured ones.
 ///
 /// # Errors
 /// [`cloud::Error::TooFewPoints`] and [`cloud::Error::Degenerate`] where the points labelled surface
@@ -37,6 +38,7 @@ const MIN_VALIDATED: usize = 500;
 pub fn prepare(
     cloud: &PointCloud,
     settings: &Settings,
+    least_noise: f64,
     cancelled: &dyn Fn() -> bool,
 ) -> Result<Prepared, Error> {
     let stop_if_cancelled = || {
@@ -64,13 +66,18 @@ pub fn prepare(
     let validated = pick(&split.held_out, &even_subset(&held_out, most, &mut choice));
     let share = validated.len() as f64 / split.trained.len() as f64;
     let spacing = spacing(&trained, surface.as_ref());
+    let least_noise = scene.frame.length_to_unit(least_noise);
     let uncertainty = surface.as_ref().map(|surface| Uncertainty {
-        noise: believed_noise(surface.noise, surface.points.len(), spacing),
+        noise: believed_noise(surface.noise, surface.points.len(), spacing).max(least_noise),
         spacing,
         band: scene.grading.band,
         sparse: scene.sparse,
     });
-    let weight = uncertainty.map_or(1.0, |u| u.surface_weight());
+    // Of slices, the points at one place share what one point would weigh there.
+    let crowding = surface.as_ref().map_or(1.0, |surface| {
+        surface.points.len() as f64 / surface.even_points as f64
+    });
+    let weight = uncertainty.map_or(1.0, |u| u.surface_weight() / crowding);
     let on_surface = |positions: &[usize]| -> Samples {
         let points = pick(&scene.points, positions);
         let samples: Samples = points.into_iter().map(|p| (p, 0.0)).collect();

@@ -32,10 +32,17 @@ const INNER_BOXES: f64 = 0.15;
 /// Depth of a filled body over half of the shortest edge of its box: noise around a surface stays far below.
 const DEEP: f64 = 0.3;
 
+/// Standard deviation of the points of a boundary from the surface, in edges of a cube as large as a voxel. Local
+/// fits see a quarter of it, because steps move neighbours together. Measured are 0.09 to 0.13, on ellipsoids and an
+/// organ; errors that go together average out less, so a mesh is nearer to the truth with more than that.
+const NOISE: f64 = 0.15;
+
 /// A surface point cloud in place of one of voxels.
 pub(in crate::reconstruction) struct Boundary {
     /// Points between the body and what is outside, with outward normals.
     pub(in crate::reconstruction) cloud: PointCloud,
+    /// Standard deviation of these points from the surface.
+    pub(in crate::reconstruction) noise: f64,
     /// What was done.
     pub(in crate::reconstruction) warning: Warning,
 }
@@ -72,13 +79,15 @@ fn told(points: usize, body: &Body) -> Boundary {
          the solid volume and the outside, through {} faces whose steps are smoothed away",
         faces.len()
     );
-    let (points, normals) = smoothed(&faces, (x * y * z).cbrt());
+    let edge = (x * y * z).cbrt();
+    let (points, normals) = smoothed(&faces, edge);
     Boundary {
         cloud: PointCloud {
             points,
             normals: Some(normals),
             ..PointCloud::default()
         },
+        noise: NOISE * edge,
         warning: Warning::new("voxels", message),
     }
 }
