@@ -66,18 +66,10 @@ pub fn prepare(
     let validated = pick(&split.held_out, &even_subset(&held_out, most, &mut choice));
     let share = validated.len() as f64 / split.trained.len() as f64;
     let spacing = spacing(&trained, surface.as_ref());
-    let least_noise = scene.frame.length_to_unit(least_noise);
-    let uncertainty = surface.as_ref().map(|surface| Uncertainty {
-        noise: believed_noise(surface.noise, surface.points.len(), spacing).max(least_noise),
-        spacing,
-        band: scene.grading.band,
-        sparse: scene.sparse,
-    });
-    // Of slices, the points at one place share what one point would weigh there.
-    let crowding = surface.as_ref().map_or(1.0, |surface| {
-        surface.points.len() as f64 / surface.even_points as f64
-    });
-    let weight = uncertainty.map_or(1.0, |u| u.surface_weight() / crowding);
+    let uncertainty = surface
+        .as_ref()
+        .map(|surface| scene.uncertainty(surface, spacing, least_noise));
+    let weight = uncertainty.map_or(1.0, |u| u.surface_weight());
     let on_surface = |positions: &[usize]| -> Samples {
         let points = pick(&scene.points, positions);
         let samples: Samples = points.into_iter().map(|p| (p, 0.0)).collect();
@@ -226,6 +218,24 @@ impl<'a> Scene<'a> {
             self.sparse,
             warnings,
         ))
+    }
+
+    /// How far the points of `surface` can be trusted, which are off it by `least_noise` at least, in units of the
+    /// cloud.
+    fn uncertainty(
+        &self,
+        surface: &OrientedSurface,
+        spacing: f64,
+        least_noise: f64,
+    ) -> Uncertainty {
+        let found = believed_noise(surface.noise, surface.points.len(), spacing);
+        Uncertainty {
+            noise: found.max(self.frame.length_to_unit(least_noise)),
+            spacing,
+            band: self.grading.band,
+            sparse: self.sparse,
+            crowding: surface.points.len() as f64 / surface.even_points as f64,
+        }
     }
 
     /// Samples at the points that the user labels `label`: those within the budget, and of the

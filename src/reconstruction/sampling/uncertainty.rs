@@ -65,6 +65,8 @@ pub(super) struct Uncertainty {
     pub(super) band: f64,
     /// Whether the points lie far apart beside the band ([`sparse`]).
     pub(super) sparse: bool,
+    /// Points for each place of slices or scan lines that share what one would weigh there; 1 of even clouds.
+    pub(super) crowding: f64,
 }
 
 impl Uncertainty {
@@ -73,7 +75,8 @@ impl Uncertainty {
         self.sparse || self.noise > NOISY * self.spacing
     }
 
-    /// Weight of a surface point over that of a near sample: inverse variances.
+    /// Weight of a surface point over that of a near sample: inverse variances, shared by the
+    /// points at one place.
     pub(super) fn surface_weight(&self) -> f64 {
         let least = if self.sparse {
             LEAST_ERROR_SPARSE
@@ -87,7 +90,7 @@ impl Uncertainty {
         } else {
             BENT * (noise - MISSED).max(0.0)
         };
-        variance(noise, NEAR_ERROR) / variance(bent, least)
+        variance(noise, NEAR_ERROR) / (self.crowding * variance(bent, least))
     }
 
     /// λ of λ/2 |parameters|² beside the mean square error of so many samples.
