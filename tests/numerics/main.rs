@@ -4,6 +4,7 @@
 mod checkpoint;
 mod engines;
 mod ensemble;
+mod kinds;
 mod mesh;
 mod network;
 mod open;
