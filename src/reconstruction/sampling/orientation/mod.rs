@@ -55,6 +55,9 @@ const IMPROVED: f64 = 0.8;
 /// The spanning tree is believed if its contradiction is below this share of the winding field's.
 const CLEARLY_LESS: f64 = 0.5;
 
+/// The same where nothing closes, and only the sides of neighbours count.
+const LESS: f64 = 0.8;
+
 /// Contradiction of the best sides from which on no sides make a closed surface of the points: a flat sheet is at
 /// 0.5, what lacks less than half of its surface below 0.15.
 const NOTHING_CLOSES: f64 = 0.2;
@@ -89,8 +92,7 @@ pub fn orient(points: &[Vec3], tree: &Tree, neighbours: &Neighbourhoods) -> Esti
     let wound = cloud.settled();
     let [of_spanned, of_wound] = [&spanned, &wound].map(|jets| cloud.contradiction(&jets.normals));
     let closes = of_spanned.closed < CLEARLY_LESS * of_wound.closed;
-    let has_one_side =
-        of_spanned.sheet < CLEARLY_LESS * of_wound.sheet && of_wound.closed > NOTHING_CLOSES;
+    let has_one_side = of_spanned.sheet < LESS * of_wound.sheet && of_wound.closed > NOTHING_CLOSES;
     if closes || has_one_side {
         spanned.into()
     } else {
