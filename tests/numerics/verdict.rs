@@ -67,20 +67,3 @@ fn a_cap_is_doubtful() {
     assert_eq!(report.verdict, Verdict::Doubtful);
     assert!(codes(&report).contains(&"surface_unsupported"));
 }
-
-#[test]
-fn points_that_fill_a_cube_are_poor() {
-    let mut state = 1_u64;
-    let mut next = || {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
-        (state >> 40) as f64 / f64::from(1_u32 << 24)
-    };
-    let points = (0..2_000).map(|_| [next(), next(), next()]).collect();
-    let report = report(&PointCloud {
-        points,
-        ..PointCloud::default()
-    });
-    assert_eq!(report.verdict, Verdict::Poor, "{:?}", codes(&report));
-}
