@@ -5,11 +5,11 @@ use meshway::reconstruction::mesh::read::read;
 use meshway::reconstruction::random::{Purpose, stream};
 use meshway::reconstruction::settings::{Preset, Settings};
 use meshway::reconstruction::shapes::{Recipe, Shape, sample};
-use meshway::reconstruction::vector::Vec3;
 use meshway::reconstruction::{Reconstruction, reconstruct};
 use rand::RngExt;
 use serde_json::json;
 
+use crate::kinds::bare;
 use crate::mesh::formats::{READABLE, written};
 use crate::surface::trim::check_open_sheet;
 use crate::uncertainty::Silent;
@@ -37,7 +37,7 @@ fn terrain() -> PointCloud {
         let [x, y] = [10.0 * x, 8.0 * y];
         [x, y, 0.5 * x.sin() * (0.8 * y).cos()]
     });
-    cloud(points.collect())
+    bare(points.collect())
 }
 
 /// The part of a sphere of radius 2 above a height, as a share of the radius.
@@ -48,15 +48,7 @@ fn cap(height: f64) -> PointCloud {
         let around = (1.0 - z * z).sqrt();
         [2.0 * around * cos, 2.0 * around * sin, 2.0 * z]
     });
-    cloud(points.collect())
-}
-
-fn cloud(points: Vec<Vec3>) -> PointCloud {
-    PointCloud {
-        points,
-        normals: None,
-        labels: None,
-    }
+    bare(points.collect())
 }
 
 #[test]

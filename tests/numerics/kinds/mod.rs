@@ -9,13 +9,14 @@ mod strays;
 mod thin;
 mod voxels;
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 use meshway::reconstruction::cloud::PointCloud;
 use meshway::reconstruction::mesh::SurfaceTree;
 use meshway::reconstruction::random::{Generator, Purpose, stream};
 use meshway::reconstruction::report::Verdict;
 use meshway::reconstruction::settings::Preset;
+use meshway::reconstruction::shapes::{Recipe, Shape, sample};
 use meshway::reconstruction::vector::Vec3;
 use meshway::reconstruction::{Error, Reconstruction, reconstruct};
 use rand::RngExt;
@@ -59,35 +60,36 @@ pub(crate) const RING: (f64, f64) = (10.0, 4.0);
 
 pub(crate) const RING_VOLUME: f64 = 2.0 * PI * PI * RING.0 * RING.1 * RING.1;
 
+const RING_SHAPE: Shape = Shape::Torus {
+    major: RING.0,
+    minor: RING.1,
+};
+
 /// Points of the ring, uniform by area, with their outward normals.
-pub(crate) fn ring(count: usize, seed: u64) -> (Vec<Vec3>, Vec<Vec3>) {
-    let (major, minor) = RING;
-    let mut random = random(seed);
-    let mut pairs = Vec::with_capacity(count);
-    while pairs.len() < count {
-        let (u, v) = (TAU * random.random::<f64>(), TAU * random.random::<f64>());
-        if random.random::<f64>() * (major + minor) > major + minor * v.cos() {
-            continue;
-        }
-        let normal = [u.cos() * v.cos(), u.sin() * v.cos(), v.sin()];
-        let around = major + minor * v.cos();
-        pairs.push((
-            [around * u.cos(), around * u.sin(), minor * v.sin()],
-            normal,
-        ));
-    }
-    pairs.into_iter().unzip()
+pub(crate) fn ring(points: usize, seed: u64) -> (Vec<Vec3>, Vec<Vec3>) {
+    let recipe = Recipe {
+        points,
+        seed,
+        normals: true,
+        ..Recipe::default()
+    };
+    let cloud = sample(&RING_SHAPE, &recipe);
+    (cloud.points, cloud.normals.unwrap())
 }
 
 /// Distance of a point from the ring.
-pub(crate) fn from_ring([x, y, z]: Vec3) -> f64 {
-    ((x.hypot(y) - RING.0).hypot(z) - RING.1).abs()
+pub(crate) fn from_ring(p: Vec3) -> f64 {
+    RING_SHAPE.signed(p).abs()
 }
 
 /// What the settings `fast` make of a cloud.
 pub(crate) fn run(cloud: &PointCloud) -> Result<Reconstruction, Error> {
+    run_with(Preset::Fast, cloud)
+}
+
+fn run_with(preset: Preset, cloud: &PointCloud) -> Result<Reconstruction, Error> {
     tch::set_num_threads(1);
-    reconstruct(cloud, &Preset::Fast.settings(), &Silent)
+    reconstruct(cloud, &preset.settings(), &Silent)
 }
 
 /// What is known of a body.
@@ -129,8 +131,7 @@ pub(crate) fn right(cloud: &PointCloud, truth: &Truth) -> Reconstruction {
 /// The same with the default settings, which fit more closely.
 #[track_caller]
 pub(crate) fn right_by_default(cloud: &PointCloud, truth: &Truth) -> Reconstruction {
-    tch::set_num_threads(1);
-    let made = reconstruct(cloud, &Preset::default().settings(), &Silent).unwrap();
+    let made = run_with(Preset::default(), cloud).unwrap();
     is_right(&made, truth);
     made
 }

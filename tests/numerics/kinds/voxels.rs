@@ -18,11 +18,15 @@ fn middle(voxel: [i32; 3]) -> Vec3 {
     std::array::from_fn(|axis| (f64::from(voxel[axis]) + 0.3) * EDGES[axis])
 }
 
+/// 1 on the ellipsoid, less inside.
+fn level(p: Vec3) -> f64 {
+    (0..3).map(|a| (p[a] / AXES[a]).powi(2)).sum::<f64>().sqrt()
+}
+
 /// The voxels whose middles are in the ellipsoid.
 fn voxels() -> HashSet<[i32; 3]> {
     let all = (0..60_i32.pow(3)).map(|k| [k % 60 - 30, k / 60 % 60 - 30, k / 3600 - 30]);
-    let inside = |p: Vec3| (0..3).map(|a| (p[a] / AXES[a]).powi(2)).sum::<f64>() < 1.0;
-    all.filter(|voxel| inside(middle(*voxel))).collect()
+    all.filter(|voxel| level(middle(*voxel)) < 1.0).collect()
 }
 
 /// The six voxels at the faces of one.
@@ -44,12 +48,11 @@ fn sorted(mut points: Vec<Vec3>) -> PointCloud {
 fn one_smooth_body(cloud: &PointCloud) {
     let made = right(cloud, &Truth::body(ellipsoid_volume(AXES)));
     message(&made, "voxels");
-    let sum = |p: &Vec3| (0..3).map(|a| (p[a] / AXES[a]).powi(2)).sum::<f64>().sqrt();
     let worst = made
         .mesh
         .vertices
         .iter()
-        .map(|v| (sum(v) - 1.0).abs())
+        .map(|v| (level(*v) - 1.0).abs())
         .fold(0.0, f64::max);
     // Half a voxel would be the steps themselves.
     assert!(worst * AXES[1] < 0.8 * EDGES[2], "{worst}");
@@ -89,7 +92,7 @@ fn points_at_random_through_a_body_are_refused_by_name() {
         .map(|_| -> Vec3 {
             std::array::from_fn(|a| AXES[a] * (2.0 * random.random::<f64>() - 1.0))
         })
-        .filter(|p| (0..3).map(|a| (p[a] / AXES[a]).powi(2)).sum::<f64>() < 1.0);
+        .filter(|p| level(*p) < 1.0);
     let error = run(&bare(points.collect())).err().unwrap();
     assert!(
         matches!(error, Error::Cloud(cloud::Error::Filled)),
