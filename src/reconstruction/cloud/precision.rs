@@ -81,9 +81,9 @@ impl Axis {
             (steps - steps.round()).abs() <= STEP_TOLERANCE * steps.max(1.0)
         };
         let grid = (step.is_finite() && differences().all(is_whole)).then_some(step);
-        let exponent = |base: f64| (largest.ln() / base.ln()).floor() as i32;
-        let single = 2f64.powi(exponent(2.0) - 23);
-        let decimal = 10f64.powi(exponent(10.0) - 5);
+        // In floating point, so that an axis that is 0 throughout gets steps of 0.
+        let single = (largest.log2().floor() - 23.0).exp2();
+        let decimal = 10f64.powf(largest.log10().floor() - 5.0);
         let (step, digits) = match grid {
             Some(step) if alike(step, decimal) => (step, Some("six digits")),
             Some(step) if step > 1.5 * single => (step, None),
@@ -191,6 +191,10 @@ mod tests {
         let millimetres = |_, v: f64| (v * 1000.0).round() / 1000.0;
         assert_eq!(code(&ball(2.0, MAP, millimetres)), None);
         assert_eq!(code(&ball(1e6, [0.0; 3], |_, v| v.round())), None);
+        let flat = |axes: usize| move |k: usize, v: f64| if k < axes { v } else { 0.0 };
+        for axes in 0..3 {
+            assert_eq!(code(&ball(2.0, [0.0; 3], flat(axes))), None, "{axes} axes");
+        }
     }
 
     #[test]
