@@ -83,8 +83,7 @@ fn run_with(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     let outcome = reconstruct(&cloud, settings, &progress);
     progress.finish();
     let mut result = outcome.map_err(|error| Failure::of(error, &arguments.cloud))?;
-    result.report.inputs = inputs;
-    result.report.warnings.splice(0..0, warnings);
+    result.report.read_from(inputs, warnings);
     sinks.write(&result, &progress)?;
     progress.say(&result.report.summary());
     if let Some(name) = sinks.mesh.name() {

@@ -8,7 +8,7 @@ use super::mesh::{PointTree, TriangleMesh, trim};
 use super::observer::Observer;
 use super::report::SurfaceReport;
 use super::sampling::Prepared;
-use super::settings::{Components, Settings};
+use super::settings::{Components, Evaluation, Settings};
 use super::surface::{Field, MAX_TRIANGLES, Request, extract, keep_components};
 use super::vector::{Bounds, Vec3};
 
@@ -63,7 +63,7 @@ impl<'a> Mesher<'a> {
         let step = self.prepared.spacing / settings.steps_per_spacing;
         let enough = ((longest / step).ceil() as usize).max(LEAST_RESOLUTION);
         let chosen = settings.resolution.min(enough);
-        let Some(area) = self.prepared.area else {
+        let (Evaluation::Sparse, Some(area)) = (settings.evaluation, self.prepared.area) else {
             return chosen;
         };
         let slenderness = (PI * longest * longest / area).sqrt();

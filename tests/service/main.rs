@@ -20,6 +20,7 @@ mod http_system;
 mod http_uploads;
 mod http_verdicts;
 mod http_waits;
+mod kind_jobs;
 mod server;
 mod soak;
 mod store_attempts;

@@ -101,13 +101,13 @@ pub fn reconstruction(
         observer.event(Event::Warning(warning));
     }
     let mut result = reconstruct(&points, &assignment.settings, observer)?;
-    result.report.inputs = vec![Input {
+    let input = Input {
         name: String::new(),
         sha256: assignment.cloud.sha256.clone(),
         bytes: assignment.cloud.bytes,
         points: points.points.len(),
-    }];
-    result.report.warnings.splice(0..0, source.warnings);
+    };
+    result.report.read_from(vec![input], source.warnings);
     Ok(Product {
         mesh: result.mesh,
         report: serde_json::to_value(&result.report).map_err(Failure::internal)?,

@@ -205,6 +205,15 @@ pub(super) struct Subject<'a> {
 }
 
 impl Report {
+    /// Adds what the cloud was read from, and the warnings of its readers. What the run told of the same, it told of
+    /// fewer points.
+    pub fn read_from(&mut self, inputs: Vec<Input>, warnings: Vec<Warning>) {
+        self.inputs = inputs;
+        let told = |warning: &Warning| warnings.iter().any(|other| other.code == warning.code);
+        self.warnings.retain(|warning| !told(warning));
+        self.warnings.splice(0..0, warnings);
+    }
+
     /// Measures the subject; the caller fills in `inputs` and `seconds`.
     pub(super) fn new(
         subject: &Subject<'_>,

@@ -81,10 +81,9 @@ fn without_strays(
             "strays_left_out",
             format!(
                 "{} of {} surface points are strays, far from the surface of the others, and are left out; the \
-                 first is point {} of the file at {:?}",
+                 first lies at {:?}",
                 strays.len(),
                 cloud.indices(Label::Surface).count(),
-                first + 1,
                 cloud.points[*first]
             ),
         ));

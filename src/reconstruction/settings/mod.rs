@@ -287,7 +287,8 @@ pub enum Open {
 pub struct Surface {
     /// How the field is evaluated on the grid.
     pub evaluation: Evaluation,
-    /// Grid points along the longest edge of the padded box, at most.
+    /// Grid points along the longest edge of the padded box, at most. A sparse grid gets more where a body has
+    /// little surface for its length, as a tube has, up to as many cells at the surface as for a ball.
     pub resolution: usize,
     /// Grid steps between neighbouring points of the cloud that are enough: a finer grid makes the mesh larger
     /// and shows nothing more. 0: `resolution` in any case.
