@@ -16,27 +16,15 @@ import numpy as np
 SCRIPTS = pathlib.Path(__file__).parent
 
 
-def slices(random):
-    """Contours of an oblique ring: 5 times as far apart as their points are within one."""
-    major, minor, apart = 10.0, 4.0, 1.0
-    tilt = np.radians(35)
-    turn = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
-    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 4000), np.linspace(0, 2 * np.pi, 2000))
-    around = major + minor * np.cos(v)
-    dense = np.stack([around * np.cos(u), around * np.sin(u), minor * np.sin(v)], -1).reshape(-1, 3) @ turn.T
-    kept = []
-    for z in np.arange(-12.5, 12.5, apart) + 0.137:
-        near = dense[np.abs(dense[:, 2] - z) < 0.004]
-        near[:, 2] = z
-        random.shuffle(near)
-        kept.append(thin(near, apart / 5))
-    return np.concatenate(kept)
-
-
-def thin(points, apart):
-    """Points no two of which lie in one cell."""
-    _, first = np.unique(np.floor(points / apart).astype(int), axis=0, return_index=True)
-    return points[np.sort(first)]
+def slices(dense):
+    """Contours across a hand, on pixels: 6 times as far apart as the pixels are."""
+    axis = int(np.argmax(np.ptp(dense, 0)))
+    apart = np.ptp(dense, 0)[axis] / 45
+    planes = np.round(dense[:, axis] / apart) * apart
+    near = np.abs(dense[:, axis] - planes) < 0.02 * apart
+    snapped = np.round(dense[near] / (apart / 6)) * (apart / 6)
+    snapped[:, axis] = planes[near]
+    return np.unique(snapped, axis=0)
 
 
 def terrain(random):
@@ -47,9 +35,9 @@ def terrain(random):
 
 
 def tube(random):
-    """A tube 160 times as long as it is thick, wound up."""
-    length, radius, turns, winding = 320.0, 1.0, 4, 12.0
-    t, a = random.uniform(0, 1, 6000), random.uniform(0, 2 * np.pi, 6000)
+    """A tube 200 times as long as it is thick, wound up."""
+    length, radius, turns, winding = 200.0, 0.5, 3, 9.0
+    t, a = random.uniform(0, 1, 8000), random.uniform(0, 2 * np.pi, 8000)
     pitch = np.sqrt((length / turns) ** 2 - (2 * np.pi * winding) ** 2) / (2 * np.pi)
     angle = 2 * np.pi * turns * t
     middle = np.stack([winding * np.cos(angle), winding * np.sin(angle), pitch * angle], 1)
@@ -69,9 +57,9 @@ def tube(random):
     return np.concatenate(points)
 
 
-def hand(meshway, folder, *options):
+def hand(meshway, folder, points, *options):
     path = folder / "hand.xyz"
-    run([meshway, "sample", "hand", "-n", "4000", "--seed", "5", *options, "-o", path])
+    run([meshway, "sample", "hand", "-n", points, "--seed", "5", *options, "-o", path])
     return np.loadtxt(path, comments="#")
 
 
@@ -114,11 +102,11 @@ def main():
     work = options.work
     work.mkdir(parents=True, exist_ok=True)
     random = np.random.default_rng(20)
-    plain = hand(options.after, work)
+    plain = hand(options.after, work, 4000)
     clouds = {
-        "slices": (slices(random), [], (-50, 25)),
-        "strays": (strays(plain[:, :3], random), [], (-60, 20)),
-        "turned-normals": (turned(hand(options.after, work, "--normals"), random), [], (-60, 20)),
+        "slices": (slices(hand(options.after, work, 400_000)), [], (-60, 60)),
+        "strays": (strays(plain[:, :3], random), [], (-60, 60)),
+        "turned-normals": (turned(hand(options.after, work, 4000, "--normals"), random), [], (-60, 60)),
         "terrain": (terrain(random), ["--set", "surface.open=trimmed"], (-50, 35)),
         "tube": (tube(random), [], (-50, 25)),
     }
@@ -130,7 +118,10 @@ def main():
         # The far points would make the picture of the others small.
         middle = np.median(points[:, :3], 0)
         distance = np.linalg.norm(points[:, :3] - middle, axis=1)
-        write_ply(shown, points[distance < 6 * np.median(distance)])
+        seen = points[distance < 6 * np.median(distance)]
+        if name == "tube":  # too thin to be seen as a whole
+            seen = seen[seen[:, 2] < np.quantile(seen[:, 2], 0.06)]
+        write_ply(shown, seen)
         pictures = [shown]
         for label, build in (("before", options.before), ("after", options.after)):
             mesh, report = work / f"{name}-{label}.ply", work / f"{name}-{label}.json"
@@ -144,7 +135,7 @@ def main():
             }))
             pictures.append(mesh)
         run([sys.executable, SCRIPTS / "render.py", options.out / f"{name}.png", *pictures, "--azimuth", azimuth,
-             "--elevation", elevation, "--size", 360])
+             "--elevation", elevation, "--size", 360, "--frame-of-first"])
 
 
 if __name__ == "__main__":

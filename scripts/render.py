@@ -90,10 +90,12 @@ def main():
     parser.add_argument("--azimuth", type=float, default=-60)
     parser.add_argument("--elevation", type=float, default=20)
     parser.add_argument("--size", type=int, default=480)
+    parser.add_argument("--frame-of-first", action="store_true", help="the first file alone chooses the scale")
     options = parser.parse_args()
     parts = [read_ply(path) for path in options.files]
-    low = np.min([v.min(0) for v, _ in parts], 0)
-    high = np.max([v.max(0) for v, _ in parts], 0)
+    framed = parts[:1] if options.frame_of_first else parts
+    low = np.min([v.min(0) for v, _ in framed], 0)
+    high = np.max([v.max(0) for v, _ in framed], 0)
     view = camera(options.azimuth, options.elevation)
     oversampling = 2
     size = options.size * oversampling
