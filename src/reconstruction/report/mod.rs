@@ -205,12 +205,9 @@ pub(super) struct Subject<'a> {
 }
 
 impl Report {
-    /// Adds what the cloud was read from, and the warnings of its readers. What the run told of the same, it told of
-    /// fewer points.
+    /// Adds what the cloud was read from, and the warnings of its readers, which came first.
     pub fn read_from(&mut self, inputs: Vec<Input>, warnings: Vec<Warning>) {
         self.inputs = inputs;
-        let told = |warning: &Warning| warnings.iter().any(|other| other.code == warning.code);
-        self.warnings.retain(|warning| !told(warning));
         self.warnings.splice(0..0, warnings);
     }
 
