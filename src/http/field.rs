@@ -10,8 +10,7 @@ use super::error::{ApiError, Code, Result};
 use super::extract::{Members, NoQuery, json};
 use super::results::Succeeded;
 use super::upload;
-use crate::reconstruction::network::Model;
-use crate::reconstruction::surface::Field;
+use crate::reconstruction::Model;
 use crate::reconstruction::vector::{Vec3, scale};
 
 /// Most points of a request.

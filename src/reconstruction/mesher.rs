@@ -62,7 +62,15 @@ impl<'a> Mesher<'a> {
         let longest = self.bounds.longest_edge();
         let step = self.prepared.spacing / settings.steps_per_spacing;
         let enough = ((longest / step).ceil() as usize).max(LEAST_RESOLUTION);
-        let chosen = settings.resolution.min(enough);
+        let chosen = if self.prepared.blocks > 0 {
+            let detail = longest / (BLOCK_STEP * self.prepared.spacing);
+            settings
+                .resolution
+                .max(detail.min(MOST_RESOLUTION) as usize)
+                .min(enough)
+        } else {
+            settings.resolution.min(enough)
+        };
         let (Evaluation::Sparse, Some(area)) = (settings.evaluation, self.prepared.area) else {
             return chosen;
         };
@@ -130,6 +138,9 @@ impl<'a> Mesher<'a> {
         Ok((mesh, report))
     }
 }
+
+/// Grid step over the spacing of the points where blocks show their detail.
+const BLOCK_STEP: f64 = 0.9;
 
 /// Most grid points along the longest edge, as in the settings.
 const MOST_RESOLUTION: f64 = 1024.0;

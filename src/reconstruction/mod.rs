@@ -17,9 +17,11 @@
 //!   Networks, AISTATS 2010.
 //! - \[KB15\] Kingma, Ba: Adam: A Method for Stochastic Optimization, ICLR 2015.
 
+mod blocks;
 mod cholesky;
 pub mod cloud;
 pub mod mesh;
+mod model;
 pub mod network;
 pub mod quality;
 pub mod random;
@@ -38,7 +40,9 @@ mod observer;
 mod run;
 mod symmetric;
 
+pub use blocks::{Block, BlockModel};
 pub use error::Error;
+pub use model::{Model, ModelError};
 pub use observer::{Event, Observer, Phase, Warning};
 pub use report::{Input, Report};
 pub use run::{Reconstruction, in_pool, reconstruct, set_threads};

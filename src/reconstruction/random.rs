@@ -22,6 +22,10 @@ pub enum Purpose {
     Sampling = 3,
     /// Points drawn from a shape or from a mesh.
     Shape = 4,
+    /// Off-surface samples of blocks.
+    Blocks = 5,
+    /// Choice of the points that no block is fitted to.
+    HeldOut = 6,
 }
 
 /// The stream of `seed` for `purpose`: the same numbers on every platform.

@@ -1,14 +1,17 @@
 //! The whole method in one screen: cloud and settings in, mesh and report out.
 
+use super::blocks::{self, Refined, State};
 use super::cloud::PointCloud;
 use super::error::Error;
 use super::mesh::TriangleMesh;
 use super::mesher::Mesher;
-use super::network::{Engine, Ensemble, Model, Scalar, engine};
+use super::model::Model;
+use super::network::{Engine, Ensemble, Scalar, engine};
 use super::observer::{Event, Observer, Phase};
 use super::report::{Report, Stopwatch, Subject, TrainingReport};
-use super::sampling::{Prepared, boundary, prepare};
+use super::sampling::{Prepared, Scan, boundary, scan};
 use super::settings::{OutputLayer, Precision, Settings, Training};
+use super::surface::Field;
 use super::training::{Hooks, Identity, Problem, Termination, Trained, train};
 
 /// What a run gives.
@@ -88,7 +91,7 @@ fn run<T: Scalar>(
     let boundary = boundary(cloud, settings)?;
     let cloud = boundary.as_ref().map_or(cloud, |body| &body.cloud);
     let least_noise = boundary.as_ref().map_or(0.0, |body| body.noise);
-    let mut prepared = prepare(cloud, settings, least_noise, &stopped)?;
+    let (mut prepared, scan) = scan(cloud, settings, least_noise, &stopped)?;
     let done = boundary.as_ref().map(|body| body.warning.clone());
     prepared.warnings.splice(0..0, done);
     for warning in &prepared.warnings {
@@ -97,22 +100,47 @@ fn run<T: Scalar>(
     stopwatch.lap(Phase::Sampling);
 
     observer.event(Event::Phase(Phase::Training));
-    let mesher = Mesher::new(cloud, settings, &prepared, observer);
     let ensemble = Ensemble::new(&settings.network, prepared.uncertain);
-    let parameters = ensemble.initial_parameters::<T>(settings.training.seed);
     let engine = engine::<T>(
         settings.training.engine,
         &ensemble.architecture,
         &prepared.training,
     )?;
-    let problem = problem(engine.as_ref(), settings, &prepared);
-    let trained = fit(problem, parameters, &mesher)?;
-    let field = problem.field(&trained.parameters)?;
+    let identity = Identity::new(settings, &prepared.training, &prepared.validation);
+    let resumed = observer
+        .checkpoint()
+        .and_then(|bytes| State::<T>::decode(bytes, &identity));
+    let (state, refines) = if let Some(state) = resumed {
+        (state, true)
+    } else {
+        let parameters = ensemble.initial_parameters::<T>(settings.training.seed);
+        let problem = problem(engine.as_ref(), settings, &prepared);
+        let mesher = Mesher::new(cloud, settings, &prepared, observer);
+        let (trained, refines) = fit(problem, parameters, &mesher, scan.as_ref())?;
+        (State::start(trained), refines)
+    };
+    let refined = match &scan {
+        Some(scan) if refines => Some(blocks::refine(
+            settings,
+            &mut prepared,
+            scan,
+            &state,
+            observer,
+        )?),
+        _ => None,
+    };
+    let trained = state.coarse;
+    let field = problem(engine.as_ref(), settings, &prepared).field(&trained.parameters)?;
+    let field: Box<dyn Field> = match &refined {
+        Some(refined) => Box::new(refined.field(Box::new(field))?),
+        None => Box::new(field),
+    };
+    let mesher = Mesher::new(cloud, settings, &prepared, observer);
     stopwatch.lap(Phase::Training);
 
     observer.event(Event::Phase(Phase::Surface));
     let progress = |share| observer.event(Event::Progress(share));
-    let (mesh, surface) = mesher.mesh(&field, &stopped, &progress)?;
+    let (mesh, surface) = mesher.mesh(field.as_ref(), &stopped, &progress)?;
     if let Some(warning) = surface.warning() {
         observer.event(Event::Warning(&warning));
     }
@@ -125,7 +153,8 @@ fn run<T: Scalar>(
         prepared: &prepared,
         mesh: &mesh,
         ensemble: &ensemble,
-        field: &field,
+        blocks: refined.as_ref().map(Refined::report),
+        field: field.as_ref(),
         engine: engine.name(),
     };
     let mut report = Report::new(&subject, TrainingReport::new(&trained), surface)?;
@@ -136,6 +165,7 @@ fn run<T: Scalar>(
         ensemble,
         frame: prepared.frame,
         parameters: trained.parameters.iter().map(|p| p.to_f64()).collect(),
+        blocks: refined.as_ref().map(Refined::model),
     };
     Ok(Reconstruction {
         mesh,
@@ -157,12 +187,22 @@ fn problem<'a, T>(
     }
 }
 
-/// Trains; a snapshot is extracted at each chosen evaluation.
+/// Trains one network, or an ensemble; a snapshot is extracted at each chosen evaluation. Whether blocks are to go on
+/// from there comes with it.
 fn fit<T: Scalar>(
     problem: Problem<'_, T>,
     parameters: Vec<T>,
     mesher: &Mesher<'_>,
-) -> Result<Trained<T>, Error> {
+    scan: Option<&Scan>,
+) -> Result<(Trained<T>, bool), Error> {
+    let leaves_too_much = |parameters: &[T]| match scan {
+        None => Ok(false),
+        Some(scan) => {
+            let field = problem.field(parameters)?;
+            blocks::needed(&field, mesher.settings, mesher.prepared, scan)
+        }
+    };
+    let has_more = scan.is_some_and(|s| s.indices.len() > mesher.settings.sampling.surface_points);
     let mut snapshot = |evaluation: u64, parameters: &[T]| {
         let field = problem.field(parameters)?;
         // Training takes care of a release after this iteration, without losing it.
@@ -183,6 +223,12 @@ fn fit<T: Scalar>(
     let hooks = Hooks {
         observer: mesher.observer,
         snapshot: &mut snapshot,
+        enough: &mut |evaluations, parameters| {
+            let looks = has_more
+                && evaluations.start < blocks::FIRST_LOOK
+                && evaluations.end >= blocks::FIRST_LOOK;
+            Ok(looks && leaves_too_much(parameters)?)
+        },
         identity: Identity::new(
             mesher.settings,
             &mesher.prepared.training,
@@ -197,7 +243,12 @@ fn fit<T: Scalar>(
     if trained.termination == Termination::Cancelled {
         return Err(Error::Cancelled);
     }
-    Ok(trained)
+    let refines = match trained.termination {
+        Termination::HandedOver => true,
+        Termination::TimeLimit => false,
+        _ => leaves_too_much(&trained.parameters)?,
+    };
+    Ok((trained, refines))
 }
 
 /// The output layer is solved for where that is a linear problem: bounds make it none.

@@ -79,6 +79,7 @@ fn run<T: Scalar>(
     let hooks = Hooks {
         observer: keeper,
         snapshot: &mut |_, _| Ok(()),
+        enough: &mut |_, _| Ok(false),
         identity,
     };
     train(problem, ensemble.initial_parameters(1), settings, hooks)

@@ -1,6 +1,7 @@
 //! Tests of the mathematics. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod blocks;
 mod checkpoint;
 mod engines;
 mod ensemble;

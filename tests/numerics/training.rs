@@ -71,6 +71,7 @@ fn solve(
     let hooks = Hooks {
         observer: notes,
         snapshot: &mut |_, _| Ok(()),
+        enough: &mut |_, _| Ok(false),
         identity: Identity::default(),
     };
     train(problem, start, settings, hooks)
@@ -134,6 +135,7 @@ fn histograms_and_snapshots_come_at_their_evaluations() {
             snapshots.push((evaluation, parameters.to_vec()));
             Ok(())
         },
+        enough: &mut |_, _| Ok(false),
         identity: Identity::default(),
     };
     train(undecayed(&engine), start.clone(), &settings, hooks).unwrap();

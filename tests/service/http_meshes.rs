@@ -3,8 +3,9 @@
 use axum::body::Body;
 use axum::http::Request;
 use meshway::jobs::{Claim, NewMesh, Record, Success};
+use meshway::reconstruction::Model;
 use meshway::reconstruction::mesh::read;
-use meshway::reconstruction::network::{Ensemble, Model};
+use meshway::reconstruction::network::Ensemble;
 use meshway::reconstruction::sampling::Frame;
 use meshway::reconstruction::settings::Preset;
 use meshway::reconstruction::training::{GradientHistogram, LayerHistogram, Metrics};
@@ -30,6 +31,7 @@ fn model() -> Model {
             centre: [1.0, 2.0, 3.0],
             scale: 0.5,
         },
+        blocks: None,
     }
 }
 

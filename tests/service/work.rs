@@ -4,8 +4,8 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use meshway::jobs::Status;
+use meshway::reconstruction::Model;
 use meshway::reconstruction::Phase;
-use meshway::reconstruction::network::Model;
 use rustix::process::{Signal, kill_process};
 use serde_json::json;
 

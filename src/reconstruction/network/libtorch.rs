@@ -5,6 +5,7 @@
 //! (`tch::set_num_threads`). With the same number the same bits come out.
 
 use std::marker::PhantomData;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tch::{Kind, TchError, Tensor, no_grad};
 
@@ -74,7 +75,7 @@ impl<T: Scalar> Engine<T> for Libtorch<T> {
     fn field(&self, parameters: &[T]) -> Result<Box<dyn Field + '_>, Error> {
         let flat = Tensor::f_from_slice(parameters)?;
         Ok(Box::new(NetworkField {
-            network: Network::new(&self.architecture, &flat)?,
+            network: Mutex::new(Network::new(&self.architecture, &flat)?),
             scalar: PhantomData::<T>,
         }))
     }
@@ -230,17 +231,25 @@ impl<'a> Network<'a> {
     }
 }
 
-/// A network with fixed parameters.
+/// A network with fixed parameters. Tensors are used by one thread at a time.
 struct NetworkField<'a, T> {
-    network: Network<'a>,
+    network: Mutex<Network<'a>>,
     scalar: PhantomData<T>,
+}
+
+impl<'a, T> NetworkField<'a, T> {
+    fn network(&self) -> MutexGuard<'_, Network<'a>> {
+        // Nothing happens under the lock that could leave the network half changed.
+        self.network.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 impl<T: Scalar> Field for NetworkField<'_, T> {
     fn values(&self, points: &[Vec3], values: &mut [f64]) -> Result<(), Error> {
+        let network = self.network();
         no_grad(|| {
             for (points, values) in points.chunks(CHUNK).zip(values.chunks_mut(CHUNK)) {
-                let f = self.network.values(&points_tensor::<T>(points)?)?;
+                let f = network.values(&points_tensor::<T>(points)?)?;
                 copy_to::<T>(&f, values)?;
             }
             Ok(())
@@ -257,9 +266,10 @@ impl<T: Scalar> Field for NetworkField<'_, T> {
             .chunks(CHUNK)
             .zip(values.chunks_mut(CHUNK))
             .zip(gradients.chunks_mut(CHUNK));
+        let network = self.network();
         for ((points, values), gradients) in chunks {
             let points = points_tensor::<T>(points)?.f_set_requires_grad(true)?;
-            let f = self.network.values(&points)?;
+            let f = network.values(&points)?;
             // Each value depends on its own point only: the gradient of the sum has all of them.
             let derivative = Tensor::f_run_backward(&[&f.f_sum(None)?], &[&points], false, false)?;
             copy_to::<T>(&f, values)?;

@@ -8,17 +8,15 @@ mod ensemble;
 mod fused;
 mod initialisation;
 mod libtorch;
-mod model;
 mod output_layer;
 mod plain;
 mod scalar;
 
 pub use architecture::{Architecture, Layer};
 pub use ensemble::{Ensemble, MeanField};
-pub use fused::{Fused, instruction_sets};
+pub use fused::{Fused, Threads, instruction_sets};
 pub use initialisation::initial_parameters;
 pub use libtorch::Libtorch;
-pub use model::{Model, ModelError};
 pub use output_layer::OutputEquations;
 pub use plain::PlainNetwork;
 pub use scalar::Scalar;
@@ -72,8 +70,29 @@ pub fn engine<T: Scalar>(
     architecture: &Architecture,
     samples: &Samples,
 ) -> Result<Box<dyn Engine<T>>, Error> {
+    engine_with(choice, architecture, samples, Threads::All)
+}
+
+/// The same on the calling thread alone, for networks that are fitted side by side.
+///
+/// # Errors
+/// As for [`engine`].
+pub fn sequential_engine<T: Scalar>(
+    choice: settings::Engine,
+    architecture: &Architecture,
+    samples: &Samples,
+) -> Result<Box<dyn Engine<T>>, Error> {
+    engine_with(choice, architecture, samples, Threads::One)
+}
+
+fn engine_with<T: Scalar>(
+    choice: settings::Engine,
+    architecture: &Architecture,
+    samples: &Samples,
+    threads: Threads,
+) -> Result<Box<dyn Engine<T>>, Error> {
     let libtorch = || Libtorch::new(architecture.clone(), samples);
-    let fused = || T::fused(architecture, samples);
+    let fused = || T::fused(architecture, samples, threads);
     Ok(match choice {
         settings::Engine::Libtorch => Box::new(libtorch()?),
         settings::Engine::Fused => fused().ok_or_else(|| {

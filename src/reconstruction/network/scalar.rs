@@ -6,7 +6,7 @@ use std::ops::{Add, AddAssign, Mul, Sub};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::{Architecture, Engine, Fused};
+use super::{Architecture, Engine, Fused, Threads};
 use crate::reconstruction::sampling::Samples;
 
 /// `f32` or `f64`.
@@ -33,7 +33,11 @@ pub trait Scalar:
 
     /// The fused engine over these samples, where it computes in this type and has the
     /// architecture.
-    fn fused(architecture: &Architecture, samples: &Samples) -> Option<Box<dyn Engine<Self>>>;
+    fn fused(
+        architecture: &Architecture,
+        samples: &Samples,
+        threads: Threads,
+    ) -> Option<Box<dyn Engine<Self>>>;
 }
 
 impl Scalar for f32 {
@@ -45,9 +49,13 @@ impl Scalar for f32 {
         f64::from(self)
     }
 
-    fn fused(architecture: &Architecture, samples: &Samples) -> Option<Box<dyn Engine<Self>>> {
+    fn fused(
+        architecture: &Architecture,
+        samples: &Samples,
+        threads: Threads,
+    ) -> Option<Box<dyn Engine<Self>>> {
         let engine = Fused::new(architecture.clone(), samples)?;
-        Some(Box::new(engine))
+        Some(Box::new(engine.on_threads(threads)))
     }
 }
 
@@ -60,7 +68,7 @@ impl Scalar for f64 {
         self
     }
 
-    fn fused(_: &Architecture, _: &Samples) -> Option<Box<dyn Engine<Self>>> {
+    fn fused(_: &Architecture, _: &Samples, _: Threads) -> Option<Box<dyn Engine<Self>>> {
         None
     }
 }

@@ -83,6 +83,23 @@ pub struct NetworkReport {
     pub parameters: usize,
 }
 
+/// The networks of blocks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct BlocksReport {
+    /// How many there are.
+    pub count: usize,
+    /// Neurons of each of their hidden layers.
+    pub width: usize,
+    /// Their hidden layers.
+    pub hidden_layers: usize,
+    /// Trained numbers of all of them.
+    pub parameters: usize,
+    /// Evaluations of loss and gradient of all of them.
+    pub evaluations: u64,
+    /// Mean of their losses, each over the samples of its block.
+    pub loss: f64,
+}
+
 impl NetworkReport {
     fn new(ensemble: &Ensemble) -> Self {
         Self {
@@ -163,6 +180,8 @@ pub struct Report {
     pub settings: Settings,
     /// What was trained.
     pub network: NetworkReport,
+    /// The networks of blocks that refine its field; none where it was enough.
+    pub blocks: Option<BlocksReport>,
     /// What evaluated loss and gradient.
     pub engine: &'static str,
     /// Threads of the run.
@@ -200,6 +219,7 @@ pub(super) struct Subject<'a> {
     pub(super) prepared: &'a Prepared,
     pub(super) mesh: &'a TriangleMesh,
     pub(super) ensemble: &'a Ensemble,
+    pub(super) blocks: Option<BlocksReport>,
     pub(super) field: &'a dyn Field,
     pub(super) engine: &'static str,
 }
@@ -260,6 +280,7 @@ impl Report {
             inputs: Vec::new(),
             settings: settings.clone(),
             network: NetworkReport::new(subject.ensemble),
+            blocks: subject.blocks,
             engine: subject.engine,
             threads: rayon::current_num_threads(),
             normals: prepared.normals,

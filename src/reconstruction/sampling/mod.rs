@@ -34,7 +34,10 @@ use super::vector::Vec3;
 pub use frame::Frame;
 pub use normals::NormalSource;
 pub use prepare::prepare;
+pub(super) use prepare::{Scan, scan};
+pub(super) use selection::even_subset;
 pub(super) use solid::boundary;
+pub(super) use uncertainty::Uncertainty;
 
 /// Points with targets and weights of the least-squares fit, in the frame of training.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -163,6 +166,8 @@ pub struct Prepared {
     /// Whether the points leave the surface open between or beside them: they are sparse, or their noise is
     /// above a tenth of their spacing.
     pub uncertain: bool,
+    /// Blocks that the points were cut into, each with a network of its own; 0 where one network is enough.
+    pub blocks: usize,
     /// Diagonal of the box of the surface points, unit frame.
     pub diagonal: f64,
     /// Where the normals come from; none where none were needed.

@@ -147,7 +147,7 @@ impl Neighbourhoods {
 }
 
 /// The middle one of `values` in their order; 0 without values.
-pub(super) fn median(values: &mut [f64]) -> f64 {
+pub(in crate::reconstruction) fn median(values: &mut [f64]) -> f64 {
     quantile(values, 0.5)
 }
 

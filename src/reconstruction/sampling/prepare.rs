@@ -41,19 +41,25 @@ pub fn prepare(
     least_noise: f64,
     cancelled: &dyn Fn() -> bool,
 ) -> Result<Prepared, Error> {
-    let stop_if_cancelled = || {
-        if cancelled() {
-            Err(Error::Cancelled)
-        } else {
-            Ok(())
-        }
-    };
+    scan(cloud, settings, least_noise, cancelled).map(|(prepared, _)| prepared)
+}
+
+/// The same, with what is known of the surface from all points; none where only labels are used.
+///
+/// # Errors
+/// As for [`prepare`].
+pub(in crate::reconstruction) fn scan(
+    cloud: &PointCloud,
+    settings: &Settings,
+    least_noise: f64,
+    cancelled: &dyn Fn() -> bool,
+) -> Result<(Prepared, Option<Scan>), Error> {
     let mut warnings = Vec::new();
     let mut choice = stream(settings.training.seed, Purpose::Selection);
     let scene = Scene::new(cloud, settings, &mut choice, &mut warnings)?;
-    stop_if_cancelled()?;
+    stop_if(cancelled)?;
     let surface = scene.oriented(&mut warnings);
-    stop_if_cancelled()?;
+    stop_if(cancelled)?;
     let split = Split::new(
         &scene.points,
         settings.sampling.surface_points,
@@ -77,7 +83,7 @@ pub fn prepare(
     };
     let mut training = on_surface(&split.trained);
     let mut validation = on_surface(&validated);
-    stop_if_cancelled()?;
+    stop_if(cancelled)?;
     let [interior, exterior] = [Label::Interior, Label::Exterior].map(|label| {
         let (fitted, checked) = scene.labelled(label, surface.as_ref(), share, &mut choice);
         let count = fitted.len();
@@ -85,7 +91,7 @@ pub fn prepare(
         validation.append(checked);
         count
     });
-    stop_if_cancelled()?;
+    stop_if(cancelled)?;
 
     let mut counts = Counts {
         surface: split.trained.len(),
@@ -109,7 +115,7 @@ pub fn prepare(
         (counts.near, counts.far) = (near.len(), far.len());
         training.append(near);
         training.append(far);
-        stop_if_cancelled()?;
+        stop_if(cancelled)?;
         for samples in scene.generated(&sampler, &validated, share, &mut random) {
             validation.append(samples);
         }
@@ -120,7 +126,7 @@ pub fn prepare(
     let weight_decay = uncertainty.map_or(0.0, |u| {
         settings.training.smoothing * u.weight_decay(training.len())
     });
-    Ok(Prepared {
+    let prepared = Prepared {
         frame: scene.frame,
         training,
         validation,
@@ -133,12 +139,40 @@ pub fn prepare(
         noise: uncertainty.map(|u| u.noise),
         weight_decay,
         uncertain: uncertainty.is_some_and(|u| u.leaves_the_surface_open()),
+        blocks: 0,
         diagonal: scene.bounds.diagonal(),
         normals: surface.as_ref().map(|surface| surface.source),
-        orientation_confidence: surface.map(|surface| surface.confidence),
+        orientation_confidence: surface.as_ref().map(|surface| surface.confidence),
         strays: scene.strays,
         warnings,
-    })
+    };
+    let scan = surface.zip(uncertainty).map(|(surface, uncertainty)| Scan {
+        surface,
+        indices: scene.indices,
+        uncertainty,
+        band: scene.grading.band,
+    });
+    Ok((prepared, scan))
+}
+
+fn stop_if(cancelled: &dyn Fn() -> bool) -> Result<(), Error> {
+    if cancelled() {
+        Err(Error::Cancelled)
+    } else {
+        Ok(())
+    }
+}
+
+/// What is known of the surface from all points that are worked with, in the frame of training.
+pub(in crate::reconstruction) struct Scan {
+    /// The oriented points.
+    pub(in crate::reconstruction) surface: OrientedSurface,
+    /// Their indices into the cloud, ascending.
+    pub(in crate::reconstruction) indices: Vec<usize>,
+    /// How far they can be trusted.
+    pub(in crate::reconstruction) uncertainty: Uncertainty,
+    /// Distance from the surface at which the targets of the one network reach ±1.
+    pub(in crate::reconstruction) band: f64,
 }
 
 /// The surface points that are worked with, in the frame of training.

@@ -56,28 +56,28 @@ pub(super) fn sparse(spacing: f64, band: f64) -> bool {
 
 /// Noise and spacing of a cloud beside the band of its targets, all in the same unit.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Uncertainty {
+pub(in crate::reconstruction) struct Uncertainty {
     /// Standard deviation of the points from the surface.
-    pub(super) noise: f64,
+    pub(in crate::reconstruction) noise: f64,
     /// Median spacing of the points that are trained on.
-    pub(super) spacing: f64,
+    pub(in crate::reconstruction) spacing: f64,
     /// Distance at which graded targets reach ±1.
-    pub(super) band: f64,
+    pub(in crate::reconstruction) band: f64,
     /// Whether the points lie far apart beside the band ([`sparse`]).
-    pub(super) sparse: bool,
+    pub(in crate::reconstruction) sparse: bool,
     /// Points for each place of slices or scan lines that share what one would weigh there; 1 of even clouds.
-    pub(super) crowding: f64,
+    pub(in crate::reconstruction) crowding: f64,
 }
 
 impl Uncertainty {
     /// Whether there are different surfaces that fit the points equally well.
-    pub(super) fn leaves_the_surface_open(&self) -> bool {
+    pub(in crate::reconstruction) fn leaves_the_surface_open(&self) -> bool {
         self.sparse || self.noise > NOISY * self.spacing
     }
 
     /// Weight of a surface point over that of a near sample: inverse variances, shared by the
     /// points at one place.
-    pub(super) fn surface_weight(&self) -> f64 {
+    pub(in crate::reconstruction) fn surface_weight(&self) -> f64 {
         let least = if self.sparse {
             LEAST_ERROR_SPARSE
         } else {
@@ -94,7 +94,7 @@ impl Uncertainty {
     }
 
     /// λ of λ/2 |parameters|² beside the mean square error of so many samples.
-    pub(super) fn weight_decay(&self, samples: usize) -> f64 {
+    pub(in crate::reconstruction) fn weight_decay(&self, samples: usize) -> f64 {
         let factor = if self.sparse { DECAY_SPARSE } else { DECAY };
         factor * (self.noise / self.band).powi(2) / samples as f64
     }

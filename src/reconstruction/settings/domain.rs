@@ -162,7 +162,7 @@ mod tests {
             ),
             (
                 json!({"training": {"sede": 1}}),
-                "is unknown here; known are: adam_evaluations, adam_learning_rate, engine, \
+                "is unknown here; known are: adam_evaluations, adam_learning_rate, block_evaluations, engine, \
                  histogram_evaluations, history, learning_rate, max_evaluations, max_iterations, optimizer, \
                  output_layer, patience, seed, smoothing, snapshot_evaluations, time_limit_seconds, tolerance_change, \
                  tolerance_gradient; did you mean seed?"

@@ -93,6 +93,16 @@ pub struct Network {
     pub member_width: usize,
     /// Number of hidden layers.
     pub hidden_layers: usize,
+    /// Points of a block, at most: where one network leaves more of a cloud than its noise explains, the cloud is
+    /// cut into blocks, each with a network of its own. 0: one network in any case.
+    #[serde(default)]
+    pub block_points: usize,
+    /// Neurons of each hidden layer of the network of a block.
+    #[serde(default = "one")]
+    pub block_width: usize,
+    /// Number of its hidden layers.
+    #[serde(default = "one")]
+    pub block_layers: usize,
     /// `hw` and `sqrhw` put the residual on hidden layers 1, 1 + n, 1 + 2n, …; 1 puts it on all.
     pub residual_every: usize,
     /// Floating-point type of parameters and samples.
@@ -101,6 +111,11 @@ pub struct Network {
 
 /// What [`Network::members`] was before there were any, for settings stored then.
 fn one() -> usize {
+    1
+}
+
+/// What [`Training::block_evaluations`] was before there were blocks.
+fn one_evaluation() -> u64 {
     1
 }
 
@@ -166,6 +181,9 @@ pub struct Training {
     pub max_iterations: u64,
     /// Most evaluations of loss and gradient, over both optimisers.
     pub max_evaluations: u64,
+    /// Evaluations of the network of a block; up to three times as many where it still leaves much of its points.
+    #[serde(default = "one_evaluation")]
+    pub block_evaluations: u64,
     /// Evaluations of Adam before L-BFGS (`adam_lbfgs`).
     pub adam_evaluations: u64,
     /// Step size of Adam.
@@ -288,7 +306,8 @@ pub struct Surface {
     /// How the field is evaluated on the grid.
     pub evaluation: Evaluation,
     /// Grid points along the longest edge of the padded box, at most. A sparse grid gets more where a body has
-    /// little surface for its length, as a tube has, up to as many cells at the surface as for a ball.
+    /// little surface for its length, as a tube has, up to as many cells at the surface as for a ball, and where
+    /// blocks show more detail: a step for 0.9 of the spacing of the points.
     pub resolution: usize,
     /// Grid steps between neighbouring points of the cloud that are enough: a finer grid makes the mesh larger
     /// and shows nothing more. 0: `resolution` in any case.

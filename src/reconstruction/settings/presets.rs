@@ -46,6 +46,7 @@ impl Preset {
             Self::Fast => Settings {
                 training: Training {
                     max_evaluations: 300,
+                    block_evaluations: 60,
                     patience: 100,
                     ..balanced.training
                 },
@@ -63,6 +64,7 @@ impl Preset {
             Self::Fine => Settings {
                 training: Training {
                     max_evaluations: 3_000,
+                    block_evaluations: 300,
                     patience: 600,
                     ..balanced.training
                 },
@@ -90,6 +92,9 @@ fn balanced() -> Settings {
             members: 6,
             member_width: 16,
             hidden_layers: 5,
+            block_points: 300,
+            block_width: 24,
+            block_layers: 3,
             residual_every: 2,
             precision: Precision::F32,
         },
@@ -104,6 +109,7 @@ fn balanced() -> Settings {
             tolerance_change: 1e-11,
             max_iterations: 100_000,
             max_evaluations: 800,
+            block_evaluations: 150,
             adam_evaluations: 200,
             adam_learning_rate: 1e-3,
             smoothing: 1.0,
@@ -142,6 +148,7 @@ fn paper(base: Settings) -> Settings {
     Settings {
         network: Network {
             members: 1,
+            block_points: 0,
             ..base.network
         },
         training: Training {

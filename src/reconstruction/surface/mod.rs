@@ -25,7 +25,7 @@ pub use components::{Dropped, keep_components};
 pub use grid::Grid;
 
 /// A scalar field on R³: positive inside, zero on the surface.
-pub trait Field {
+pub trait Field: Sync {
     /// Writes f at each of `points` into `values`, which has the same length.
     ///
     /// # Errors

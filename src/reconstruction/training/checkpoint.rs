@@ -9,6 +9,7 @@
 
 use std::borrow::Cow;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use thiserror::Error;
@@ -51,13 +52,25 @@ impl Identity {
     }
 }
 
-/// The settings as JSON, without `surface.open`: training does not depend on it, and checkpoints that are older
-/// than it stay good.
+/// The settings as JSON, without `surface.open`, which training does not depend on, and without the settings of
+/// blocks where there are none: checkpoints that are older than these stay good.
 fn trained_settings(settings: &Settings) -> String {
     let json =
         |value: serde_json::Result<String>| value.expect("settings are plain numbers and names");
     let open = json(serde_json::to_string(&settings.surface.open));
-    json(serde_json::to_string(settings)).replacen(&format!(",\"open\":{open}"), "", 1)
+    let mut text =
+        json(serde_json::to_string(settings)).replacen(&format!(",\"open\":{open}"), "", 1);
+    if settings.network.block_points == 0 {
+        for (name, value) in [
+            ("block_points", 0),
+            ("block_width", settings.network.block_width as u64),
+            ("block_layers", settings.network.block_layers as u64),
+            ("block_evaluations", settings.training.block_evaluations),
+        ] {
+            text = text.replacen(&format!(",\"{name}\":{value}"), "", 1);
+        }
+    }
+    text
 }
 
 fn add(hash: &mut Sha256, values: &[f64]) {
@@ -81,9 +94,44 @@ pub(super) struct State<'a, T: Clone> {
     pub(super) ended: Option<Termination>,
 }
 
+/// A state as bytes, with what it belongs to.
+pub(in crate::reconstruction) fn seal(
+    magic: [u8; 8],
+    identity: &Identity,
+    state: &impl Serialize,
+) -> Vec<u8> {
+    let state = postcard::to_allocvec(state).expect("a state is numbers, and memory grows");
+    let mut bytes = Vec::with_capacity(magic.len() + 2 * HASH_BYTES + state.len());
+    bytes.extend(magic);
+    bytes.extend(identity.0);
+    bytes.extend(Sha256::digest(&state));
+    bytes.extend(state);
+    bytes
+}
+
+/// The state that [`seal`] made bytes of.
+pub(in crate::reconstruction) fn unseal<S: DeserializeOwned>(
+    magic: [u8; 8],
+    identity: &Identity,
+    bytes: &[u8],
+) -> Result<S, Refusal> {
+    let rest = bytes.strip_prefix(&magic).ok_or(Refusal::Version)?;
+    let (found, rest) = rest.split_first_chunk().ok_or(Refusal::Damaged)?;
+    if *found != identity.0 {
+        return Err(Refusal::Identity);
+    }
+    let (hash, state) = rest
+        .split_first_chunk::<HASH_BYTES>()
+        .ok_or(Refusal::Damaged)?;
+    if Sha256::digest(state).as_slice() != hash {
+        return Err(Refusal::Damaged);
+    }
+    postcard::from_bytes(state).map_err(|_| Refusal::Damaged)
+}
+
 /// Why a checkpoint is not used; completes "the checkpoint …".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-pub(super) enum Refusal {
+pub(in crate::reconstruction) enum Refusal {
     #[error("is of another version")]
     Version,
     #[error("belongs to another cloud or to other settings")]
@@ -94,13 +142,7 @@ pub(super) enum Refusal {
 
 impl<T: Scalar> State<'_, T> {
     pub(super) fn encode(&self, identity: &Identity) -> Vec<u8> {
-        let state = postcard::to_allocvec(self).expect("a state is numbers, and memory grows");
-        let mut bytes = Vec::with_capacity(MAGIC.len() + 2 * HASH_BYTES + state.len());
-        bytes.extend(MAGIC);
-        bytes.extend(identity.0);
-        bytes.extend(Sha256::digest(&state));
-        bytes.extend(state);
-        bytes
+        seal(*MAGIC, identity, self)
     }
 
     /// Reads what [`State::encode`] wrote for a network of `dimension` parameters.
@@ -109,18 +151,7 @@ impl<T: Scalar> State<'_, T> {
         identity: &Identity,
         dimension: usize,
     ) -> Result<State<'static, T>, Refusal> {
-        let rest = bytes.strip_prefix(MAGIC).ok_or(Refusal::Version)?;
-        let (found, rest) = rest.split_first_chunk().ok_or(Refusal::Damaged)?;
-        if *found != identity.0 {
-            return Err(Refusal::Identity);
-        }
-        let (hash, state) = rest
-            .split_first_chunk::<HASH_BYTES>()
-            .ok_or(Refusal::Damaged)?;
-        if Sha256::digest(state).as_slice() != hash {
-            return Err(Refusal::Damaged);
-        }
-        let state: State<'static, T> = postcard::from_bytes(state).map_err(|_| Refusal::Damaged)?;
+        let state: State<'static, T> = unseal(*MAGIC, identity, bytes)?;
         if state.at.parameters.len() != dimension {
             return Err(Refusal::Damaged);
         }

@@ -18,9 +18,10 @@ use serde::{Deserialize, Serialize};
 
 pub use adam::Adam;
 pub use checkpoint::Identity;
+pub(super) use checkpoint::{seal, unseal};
 pub use iterate::{Interrupt, Iterate, Objective, Step};
 pub use lbfgs::{Lbfgs, Options};
-pub use monitor::{Hooks, Snapshot};
+pub use monitor::{Enough, Hooks, Snapshot};
 pub use problem::Problem;
 pub use run::{Trained, train};
 
@@ -43,6 +44,8 @@ pub enum Termination {
     NoImprovement,
     /// The observer asked to stop.
     Cancelled,
+    /// One network is not enough for the cloud: those of its blocks go on.
+    HandedOver,
 }
 
 /// One accepted iteration of the optimiser.

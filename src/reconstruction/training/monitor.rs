@@ -1,6 +1,8 @@
 //! What is done around each evaluation of the loss: counting, stopping from outside, histograms
 //! and snapshots.
 
+use std::ops::Range;
+
 use super::checkpoint::Identity;
 use super::iterate::Interrupt;
 use super::problem::Problem;
@@ -13,6 +15,10 @@ use crate::reconstruction::settings::Training;
 /// Does something with the parameters of one evaluation, whose number comes first.
 pub type Snapshot<'a, T> = dyn FnMut(u64, &[T]) -> Result<(), Error> + 'a;
 
+/// Told the evaluations of an accepted step, from that before its first to its last, and the parameters after it, says
+/// whether training is to end there.
+pub type Enough<'a, T> = dyn FnMut(Range<u64>, &[T]) -> Result<bool, Error> + 'a;
+
 /// What training tells and asks.
 pub struct Hooks<'a, T> {
     /// Hears of metrics, histograms and progress; lends the clock; can stop the run.
@@ -21,6 +27,8 @@ pub struct Hooks<'a, T> {
     /// `snapshot_evaluations`. Like a histogram it belongs to exactly that evaluation, which may
     /// be a trial of a line search, as in \[N24\].
     pub snapshot: &'a mut Snapshot<'a, T>,
+    /// Asked after each accepted step whether others go on from there.
+    pub enough: &'a mut Enough<'a, T>,
     /// What a checkpoint must belong to.
     pub identity: Identity,
 }
@@ -111,6 +119,11 @@ impl<'a, T: Scalar> Monitor<'a, T> {
             return Err(Interrupt::Stop(Termination::TimeLimit));
         }
         Ok(())
+    }
+
+    /// Whether training is to end at these parameters, for others to go on.
+    pub(super) fn is_enough(&mut self, before: u64, parameters: &[T]) -> Result<bool, Error> {
+        (self.hooks.enough)(before..self.evaluations, parameters)
     }
 
     /// Passes on the metrics of an accepted step, and how far the run is.

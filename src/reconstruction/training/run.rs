@@ -2,6 +2,8 @@
 
 use std::borrow::Cow;
 
+use serde::{Deserialize, Serialize};
+
 use super::checkpoint::{Refusal, State};
 use super::holdout::Holdout;
 use super::iterate::{Interrupt, Iterate};
@@ -15,7 +17,8 @@ use crate::reconstruction::observer::{Event, Warning};
 use crate::reconstruction::settings::Training;
 
 /// A trained network.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
 pub struct Trained<T> {
     /// The best on the hold-out where `patience` is set and there is one, else the last.
     pub parameters: Vec<T>,
@@ -170,7 +173,8 @@ impl<'a, T: Scalar> Run<'a, T> {
     /// One accepted step; the reason when it was the last.
     fn step(&mut self) -> Result<Option<Termination>, Interrupt> {
         let (at, monitor, settings) = (&mut self.at, &mut self.monitor, self.settings);
-        self.method.switch(settings, at, monitor.evaluations());
+        let before = monitor.evaluations();
+        self.method.switch(settings, at, before);
         let step = self
             .method
             .step(at, settings, &mut |p, g| monitor.evaluate(p, g))?;
@@ -194,6 +198,8 @@ impl<'a, T: Scalar> Run<'a, T> {
             Some(Termination::MaxEvaluations)
         } else if self.holdout.exhausted(evaluation) {
             Some(Termination::NoImprovement)
+        } else if monitor.is_enough(before, &at.parameters)? {
+            Some(Termination::HandedOver)
         } else {
             None
         })

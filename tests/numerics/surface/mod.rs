@@ -55,7 +55,7 @@ fn orders(resolutions: &[usize], errors: &[f64]) -> Vec<f64> {
 }
 
 /// A field whose values along an edge are not linear, so that interpolation has an error.
-fn squared_sphere() -> Analytic<impl Fn(Vec3) -> f64> {
+fn squared_sphere() -> Analytic<impl Fn(Vec3) -> f64 + Sync> {
     analytic(|p: Vec3| 0.49 - dot(p, p))
 }
 

@@ -43,10 +43,20 @@ use panels::affine_maps;
 use pass::{Network, Pass, Rule, Scratch, rules};
 use pool::Pool;
 
+/// Which threads evaluate a loss.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Threads {
+    /// Those of the pool.
+    All,
+    /// The one that asks.
+    One,
+}
+
 /// A network and its samples in blocks of points.
 #[derive(Debug)]
 pub struct Fused {
     arch: Arch,
+    threads: Threads,
     architecture: Architecture,
     rules: Vec<Rule>,
     batch: Batch,
@@ -71,11 +81,18 @@ impl Fused {
         let block_points = block_points(arch);
         Some(Self {
             arch,
+            threads: Threads::All,
             architecture,
             rules,
             batch: Batch::new(samples, block_points),
             scratch: Pool::new(),
         })
+    }
+
+    /// The same engine, working on these threads.
+    #[must_use]
+    pub fn on_threads(self, threads: Threads) -> Self {
+        Self { threads, ..self }
     }
 
     fn network(&self, parameters: &[f32]) -> Network<'_> {
@@ -95,19 +112,18 @@ impl Fused {
         let block_points = block_points(self.arch);
         let points = self.batch.tile_points();
         let scratch = || Scratch::new(&self.rules, self.architecture.width, points, block_points);
-        let tiles: Vec<(f64, Vec<f32>)> = self
-            .batch
-            .tiles()
-            .into_par_iter()
-            .with_max_len(1)
-            .map(|blocks| {
-                let mut sums = vec![0.0; length];
-                let returned = self
-                    .scratch
-                    .with(scratch, |scratch| work(blocks, scratch, &mut sums));
-                (returned, sums)
-            })
-            .collect();
+        let tile = |blocks| {
+            let mut sums = vec![0.0; length];
+            let returned = self
+                .scratch
+                .with(scratch, |scratch| work(blocks, scratch, &mut sums));
+            (returned, sums)
+        };
+        let tiles = self.batch.tiles();
+        let tiles: Vec<(f64, Vec<f32>)> = match self.threads {
+            Threads::All => tiles.into_par_iter().with_max_len(1).map(tile).collect(),
+            Threads::One => tiles.into_iter().map(tile).collect(),
+        };
         let sum = |i: usize| tiles.iter().map(|(_, part)| f64::from(part[i])).sum();
         (
             tiles.iter().map(|(returned, _)| returned).sum(),

@@ -10,10 +10,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use thiserror::Error;
 
-use super::{Ensemble, MeanField, PlainNetwork};
-use crate::reconstruction::sampling::Frame;
-use crate::reconstruction::settings::{Precision, Settings};
-use crate::reconstruction::surface::Field;
+use super::blocks::{self, Block, BlockModel};
+use super::network::{Architecture, Ensemble, MeanField, PlainNetwork};
+use super::sampling::Frame;
+use super::settings::{Precision, Settings};
+use super::surface::Field;
 
 /// Name of the metadata: a JSON object with `settings`, `ensemble`, `frame` and what else is of use.
 const KEY: &str = "meshway";
@@ -25,6 +26,16 @@ struct Record {
     /// What was trained; none in files from before there were members.
     ensemble: Option<Shape>,
     frame: Frame,
+    /// None where one network was enough, and in files from before there were blocks.
+    #[serde(default)]
+    blocks: Option<BlockRecord>,
+}
+
+/// What of the blocks is no tensor.
+#[derive(Serialize, Deserialize)]
+struct BlockRecord {
+    coarse_band: f64,
+    blocks: Vec<Block>,
 }
 
 /// What of an ensemble the settings leave open.
@@ -43,9 +54,11 @@ pub struct Model {
     pub ensemble: Ensemble,
     /// From the coordinates of the cloud to those that it was trained in.
     pub frame: Frame,
-    /// Parameters of each network in the order of [`Architecture::layers`](super::Architecture::layers), one
+    /// Parameters of each network in the order of [`Architecture::layers`], one
     /// network after the other; with `f32` settings each is one.
     pub parameters: Vec<f64>,
+    /// The networks of blocks that refine the field; none where one network was enough.
+    pub blocks: Option<BlockModel>,
 }
 
 /// Why bytes are no model.
@@ -73,18 +86,33 @@ impl Model {
     pub fn encode(&self) -> Result<Vec<u8>, ModelError> {
         let f64s = self.settings.network.precision == Precision::F64;
         let dtype = if f64s { Dtype::F64 } else { Dtype::F32 };
-        let tensors: Vec<_> = tensors(&self.ensemble)
+        let bytes = |values: &[f64]| -> Vec<u8> {
+            if f64s {
+                values.iter().flat_map(|v| v.to_le_bytes()).collect()
+            } else {
+                values
+                    .iter()
+                    .flat_map(|v| (*v as f32).to_le_bytes())
+                    .collect()
+            }
+        };
+        let mut tensors: Vec<_> = tensors(&self.ensemble)
             .into_iter()
             .map(|(name, shape, range)| {
-                let values = self.parameters.get(range).unwrap_or_default().iter();
-                let bytes: Vec<u8> = if f64s {
-                    values.flat_map(|v| v.to_le_bytes()).collect()
-                } else {
-                    values.flat_map(|v| (*v as f32).to_le_bytes()).collect()
-                };
-                (name, shape, bytes)
+                let values = self.parameters.get(range).unwrap_or_default();
+                (name, shape, bytes(values))
             })
             .collect();
+        if let Some(model) = &self.blocks {
+            for (name, shape, range) in block_tensors(&model.architecture, model.blocks.len()) {
+                let networks = model
+                    .parameters
+                    .chunks(model.architecture.parameter_count());
+                let values = networks.flat_map(|p| p.get(range.clone()).unwrap_or_default());
+                let values: Vec<f64> = values.copied().collect();
+                tensors.push((name, shape, bytes(&values)));
+            }
+        }
         let views = tensors
             .iter()
             .map(|(name, shape, bytes)| {
@@ -98,6 +126,10 @@ impl Model {
                 width: self.ensemble.architecture.width,
             },
             "frame": self.frame,
+            "blocks": self.blocks.as_ref().map(|model| BlockRecord {
+                coarse_band: model.coarse_band,
+                blocks: model.blocks.clone(),
+            }),
         });
         let metadata = HashMap::from([(KEY.to_owned(), record.to_string())]);
         Ok(serialize(views, Some(metadata))?)
@@ -115,6 +147,7 @@ impl Model {
             settings,
             ensemble: shape,
             frame,
+            blocks,
         } = serde_json::from_str(record)?;
         let mut ensemble = Ensemble::new(&settings.network, false);
         if let Some(Shape { members, width }) = shape {
@@ -124,40 +157,49 @@ impl Model {
         let file = SafeTensors::deserialize(bytes)?;
         let mut parameters = Vec::new();
         for (name, shape, _) in tensors(&ensemble) {
-            let tensor = file.tensor(&name)?;
-            if tensor.shape() != shape {
-                return Err(ModelError::Shape { name });
-            }
-            match tensor.dtype() {
-                Dtype::F32 => parameters.extend(
-                    tensor
-                        .data()
-                        .as_chunks()
-                        .0
-                        .iter()
-                        .map(|v| f64::from(f32::from_le_bytes(*v))),
-                ),
-                Dtype::F64 => parameters.extend(
-                    tensor
-                        .data()
-                        .as_chunks()
-                        .0
-                        .iter()
-                        .map(|v| f64::from_le_bytes(*v)),
-                ),
-                _ => return Err(ModelError::Shape { name }),
-            }
+            parameters.extend(values(&file, &name, &shape)?);
         }
+        let blocks = blocks
+            .map(|record| {
+                let architecture = blocks::architecture(&settings.network);
+                let length = architecture.parameter_count();
+                let count = record.blocks.len();
+                let mut parameters = vec![0.0; count * length];
+                for (name, shape, range) in block_tensors(&architecture, count) {
+                    let values = values(&file, &name, &shape)?;
+                    let networks = parameters.chunks_mut(length);
+                    for (network, values) in networks.zip(values.chunks(range.len())) {
+                        network[range.clone()].copy_from_slice(values);
+                    }
+                }
+                Ok::<_, ModelError>(BlockModel {
+                    architecture,
+                    coarse_band: record.coarse_band,
+                    blocks: record.blocks,
+                    parameters,
+                })
+            })
+            .transpose()?;
         Ok(Self {
             settings,
             ensemble,
             frame,
             parameters,
+            blocks,
         })
     }
 
-    /// The field in plain Rust; `None` where the number of parameters is not that of the ensemble.
-    pub fn field(&self) -> Option<MeanField<'static>> {
+    /// The field in plain Rust; `None` where the number of parameters is not that of the networks.
+    pub fn field(&self) -> Option<Box<dyn Field>> {
+        let coarse = Box::new(self.coarse()?);
+        match &self.blocks {
+            Some(blocks) => Some(Box::new(blocks.field(coarse)?)),
+            None => Some(coarse),
+        }
+    }
+
+    /// The field without blocks.
+    fn coarse(&self) -> Option<MeanField<'static>> {
         let architecture = &self.ensemble.architecture;
         if self.parameters.len() != self.ensemble.parameter_count() {
             return None;
@@ -193,9 +235,52 @@ fn tensors(ensemble: &Ensemble) -> Vec<(String, Vec<usize>, Range<usize>)> {
     tensors
 }
 
+/// The same of so many blocks: the layers of all of them in one tensor, `blocks.linear.0.weight` and so on, and
+/// where they lie in the parameters of each.
+fn block_tensors(
+    architecture: &Architecture,
+    count: usize,
+) -> Vec<(String, Vec<usize>, Range<usize>)> {
+    let layers = architecture.layers().into_iter();
+    layers
+        .flat_map(|layer| {
+            let weight = vec![count, layer.rows, layer.columns];
+            let name = format!("blocks.{}", layer.name);
+            [
+                (format!("{name}.weight"), weight, layer.weight),
+                (format!("{name}.bias"), vec![count, layer.rows], layer.bias),
+            ]
+        })
+        .collect()
+}
+
+/// The numbers of a tensor that must have this shape.
+fn values(file: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f64>, ModelError> {
+    let tensor = file.tensor(name)?;
+    let refused = || ModelError::Shape {
+        name: name.to_owned(),
+    };
+    if tensor.shape() != shape {
+        return Err(refused());
+    }
+    let data = tensor.data();
+    match tensor.dtype() {
+        Dtype::F32 => {
+            let numbers = data.as_chunks().0.iter();
+            Ok(numbers.map(|v| f64::from(f32::from_le_bytes(*v))).collect())
+        }
+        Dtype::F64 => {
+            let numbers = data.as_chunks().0.iter();
+            Ok(numbers.map(|v| f64::from_le_bytes(*v)).collect())
+        }
+        _ => Err(refused()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reconstruction::network::initial_parameters;
     use crate::reconstruction::settings::Preset;
 
     fn model(precision: Precision, uncertain: bool) -> Model {
@@ -220,6 +305,7 @@ mod tests {
                 scale: 0.3,
             },
             parameters,
+            blocks: None,
         }
     }
 
@@ -231,6 +317,47 @@ mod tests {
                 assert_eq!(Model::decode(&model.encode().unwrap()).unwrap(), model);
             }
         }
+    }
+
+    #[test]
+    fn blocks_survive_it_too_and_refine_the_field() {
+        use crate::reconstruction::vector::Bounds;
+
+        let mut model = model(Precision::F32, true);
+        let architecture = blocks::architecture(&model.settings.network);
+        let block = |x: f64| {
+            let core = Bounds {
+                min: [x, 0.0, 0.0],
+                max: [x + 1.0, 1.0, 1.0],
+            };
+            Block {
+                core,
+                reach: core.padded(0.1),
+                band: 0.2,
+                frame: Frame {
+                    centre: core.centre(),
+                    scale: 3.0,
+                },
+            }
+        };
+        let networks = [1, 2].map(|seed| initial_parameters::<f32>(&architecture, seed));
+        let without = model.field().unwrap();
+        model.blocks = Some(BlockModel {
+            coarse_band: 0.4,
+            blocks: vec![block(0.0), block(1.0)],
+            parameters: networks.concat().into_iter().map(f64::from).collect(),
+            architecture,
+        });
+        assert_eq!(Model::decode(&model.encode().unwrap()).unwrap(), model);
+        let with = model.field().unwrap();
+        let mut values = [[0.0; 2]; 2];
+        let places = [[0.5; 3], [9.0; 3]];
+        without.values(&places, &mut values[0]).unwrap();
+        with.values(&places, &mut values[1]).unwrap();
+        assert!((values[0][0] - values[1][0]).abs() > 1e-3);
+        assert!((values[0][1] - values[1][1]).abs() < 1e-12);
+        model.blocks.as_mut().unwrap().parameters.pop();
+        assert!(model.field().is_none());
     }
 
     #[test]

@@ -1,0 +1,317 @@
+//! One field of many networks: a partition of unity.
+//!
+//! f = (Σ wₖ fₖ bₖ + r f₀ b₀) / (Σ wₖ + r) / b₀, with the weights w of the blocks, their bands b, and what they
+//! leave, r, to the coarse field f₀. Like f₀, it is a signed distance in units of b₀. Weights and their slopes are
+//! continuous, and so are f and ∇f.
+
+use rayon::prelude::*;
+
+use super::block::{Block, rest};
+use super::lookup::Lookup;
+use crate::reconstruction::error::Error;
+use crate::reconstruction::surface::Field;
+use crate::reconstruction::vector::{Vec3, along, scale};
+
+/// Points that a network is asked about at a time: as many as engines take in one piece.
+const PIECE: usize = 1024;
+
+/// Points whose blocks are looked up at a time.
+const LOOKED_UP: usize = 2048;
+
+/// A coarse field, and the networks of blocks that refine it.
+pub(in crate::reconstruction) struct BlockField<'a> {
+    coarse: Box<dyn Field + 'a>,
+    coarse_band: f64,
+    parts: Vec<(Block, Box<dyn Field + 'a>)>,
+    lookup: Lookup,
+}
+
+/// The sums at a place, or what a block adds to them.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    weight: f64,
+    value: f64,
+    weight_gradient: Vec3,
+    value_gradient: Vec3,
+}
+
+impl Sums {
+    fn add(&mut self, other: &Self) {
+        self.weight += other.weight;
+        self.value += other.value;
+        self.weight_gradient = along(self.weight_gradient, 1.0, other.weight_gradient);
+        self.value_gradient = along(self.value_gradient, 1.0, other.value_gradient);
+    }
+}
+
+impl<'a> BlockField<'a> {
+    /// The field of `parts` over `coarse`, whose targets reach ±1 at `coarse_band`. Each part is a network in the
+    /// frame of its block.
+    pub(super) fn new(
+        coarse: Box<dyn Field + 'a>,
+        coarse_band: f64,
+        parts: Vec<(Block, Box<dyn Field + 'a>)>,
+    ) -> Self {
+        Self {
+            coarse,
+            coarse_band,
+            lookup: Lookup::new(parts.iter().map(|(block, _)| block.reach).collect()),
+            parts,
+        }
+    }
+
+    /// Which block holds which point, as pairs ordered by the block.
+    fn memberships(&self, points: &[Vec3]) -> Vec<(u32, u32)> {
+        let mut pairs: Vec<(u32, u32)> = points
+            .par_chunks(LOOKED_UP)
+            .enumerate()
+            .flat_map_iter(|(chunk, points)| {
+                let mut pairs = Vec::new();
+                for (i, q) in points.iter().enumerate() {
+                    let i = (chunk * LOOKED_UP + i) as u32;
+                    self.lookup.holding(*q, |k| pairs.push((k as u32, i)));
+                }
+                pairs
+            })
+            .collect();
+        pairs.par_sort_unstable();
+        pairs
+    }
+
+    /// Sums of the blocks at each of `points`.
+    fn sums(&self, points: &[Vec3], with_gradients: bool) -> Result<Vec<Sums>, Error> {
+        let pairs = self.memberships(points);
+        let pieces: Vec<&[(u32, u32)]> = pairs
+            .chunk_by(|a, b| a.0 == b.0)
+            .flat_map(|run| run.chunks(PIECE))
+            .collect();
+        let added = pieces
+            .par_iter()
+            .with_max_len(1)
+            .map(|piece| self.of_block(points, piece, with_gradients))
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut sums = vec![Sums::default(); points.len()];
+        for (piece, added) in pieces.iter().zip(added) {
+            for ((_, i), added) in piece.iter().zip(&added) {
+                sums[*i as usize].add(added);
+            }
+        }
+        Ok(sums)
+    }
+
+    /// What one block adds at the points of the pairs.
+    fn of_block(
+        &self,
+        points: &[Vec3],
+        pairs: &[(u32, u32)],
+        with_gradients: bool,
+    ) -> Result<Vec<Sums>, Error> {
+        let Some(&(k, _)) = pairs.first() else {
+            return Ok(Vec::new());
+        };
+        let (block, field) = &self.parts[k as usize];
+        let places: Vec<Vec3> = pairs.iter().map(|(_, i)| points[*i as usize]).collect();
+        let inner: Vec<Vec3> = places.iter().map(|q| block.frame.to_unit(*q)).collect();
+        let mut values = vec![0.0; inner.len()];
+        if !with_gradients {
+            field.values(&inner, &mut values)?;
+            let added = places.iter().zip(values).map(|(q, f)| {
+                let weight = block.weight(*q);
+                Sums {
+                    weight,
+                    value: weight * f * block.band,
+                    ..Sums::default()
+                }
+            });
+            return Ok(added.collect());
+        }
+        let mut gradients = vec![[0.0; 3]; inner.len()];
+        field.values_and_gradients(&inner, &mut values, &mut gradients)?;
+        let added = places.iter().zip(values).zip(gradients);
+        let added = added.map(|((q, f), slope)| {
+            let (weight, weight_gradient) = block.weight_and_gradient(*q);
+            let value = f * block.band;
+            let slope = scale(slope, weight * block.frame.scale * block.band);
+            Sums {
+                weight,
+                value: weight * value,
+                weight_gradient,
+                value_gradient: along(slope, value, weight_gradient),
+            }
+        });
+        Ok(added.collect())
+    }
+}
+
+/// The points at which the blocks leave something to the coarse field.
+fn left_over(sums: &[Sums]) -> Vec<usize> {
+    (0..sums.len()).filter(|&i| sums[i].weight < 1.0).collect()
+}
+
+impl Field for BlockField<'_> {
+    fn values(&self, points: &[Vec3], values: &mut [f64]) -> Result<(), Error> {
+        let mut sums = self.sums(points, false)?;
+        let open = left_over(&sums);
+        let places: Vec<Vec3> = open.iter().map(|&i| points[i]).collect();
+        let mut coarse = vec![0.0; places.len()];
+        self.coarse.values(&places, &mut coarse)?;
+        for (&i, f) in open.iter().zip(coarse) {
+            let (rest, _) = rest(sums[i].weight);
+            sums[i].weight += rest;
+            sums[i].value += rest * f * self.coarse_band;
+        }
+        for (value, sums) in values.iter_mut().zip(sums) {
+            *value = sums.value / (sums.weight * self.coarse_band);
+        }
+        Ok(())
+    }
+
+    fn values_and_gradients(
+        &self,
+        points: &[Vec3],
+        values: &mut [f64],
+        gradients: &mut [Vec3],
+    ) -> Result<(), Error> {
+        let mut sums = self.sums(points, true)?;
+        let open = left_over(&sums);
+        let places: Vec<Vec3> = open.iter().map(|&i| points[i]).collect();
+        let mut coarse = vec![0.0; places.len()];
+        let mut slopes = vec![[0.0; 3]; places.len()];
+        self.coarse
+            .values_and_gradients(&places, &mut coarse, &mut slopes)?;
+        for ((&i, f), slope) in open.iter().zip(coarse).zip(slopes) {
+            let (weight, falls) = rest(sums[i].weight);
+            let value = f * self.coarse_band;
+            let weight_gradient = scale(sums[i].weight_gradient, falls);
+            let slope = scale(slope, weight * self.coarse_band);
+            sums[i].add(&Sums {
+                weight,
+                value: weight * value,
+                weight_gradient,
+                value_gradient: along(slope, value, weight_gradient),
+            });
+        }
+        for ((value, gradient), sums) in values.iter_mut().zip(gradients).zip(sums) {
+            let f = sums.value / sums.weight;
+            let slope = along(sums.value_gradient, -f, sums.weight_gradient);
+            *value = f / self.coarse_band;
+            *gradient = scale(slope, 1.0 / (sums.weight * self.coarse_band));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruction::sampling::Frame;
+    use crate::reconstruction::vector::Bounds;
+
+    /// A wave of some phase.
+    struct Wave(f64);
+
+    impl Field for Wave {
+        fn values(&self, points: &[Vec3], values: &mut [f64]) -> Result<(), Error> {
+            for (value, p) in values.iter_mut().zip(points) {
+                *value = (p[0] + 2.0 * p[1] - p[2] + self.0).sin();
+            }
+            Ok(())
+        }
+
+        fn values_and_gradients(
+            &self,
+            points: &[Vec3],
+            values: &mut [f64],
+            gradients: &mut [Vec3],
+        ) -> Result<(), Error> {
+            self.values(points, values)?;
+            for (gradient, p) in gradients.iter_mut().zip(points) {
+                let slope = (p[0] + 2.0 * p[1] - p[2] + self.0).cos();
+                *gradient = [slope, 2.0 * slope, -slope];
+            }
+            Ok(())
+        }
+    }
+
+    fn field() -> BlockField<'static> {
+        let part = |x: f64, phase: f64| {
+            let core = Bounds {
+                min: [x, 0.0, 0.0],
+                max: [x + 1.0, 1.0, 1.0],
+            };
+            let reach = core.padded(0.2);
+            let block = Block {
+                core,
+                reach,
+                band: 0.3,
+                frame: Frame::normalized(&reach, 2.0).unwrap(),
+            };
+            (block, Box::new(Wave(phase)) as Box<dyn Field>)
+        };
+        let parts = vec![part(0.0, 0.3), part(1.0, -0.4), part(2.5, 1.0)];
+        BlockField::new(Box::new(Wave(2.0)), 0.5, parts)
+    }
+
+    fn places() -> Vec<Vec3> {
+        (0..4000)
+            .map(|i| {
+                let t = f64::from(i);
+                [
+                    (0.137 * t) % 5.0 - 0.7,
+                    (0.0713 * t) % 1.6 - 0.3,
+                    (0.0517 * t) % 1.6 - 0.3,
+                ]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_gradients_are_those_of_the_values() {
+        let (field, places) = (field(), places());
+        let mut values = vec![0.0; places.len()];
+        let mut gradients = vec![[0.0; 3]; places.len()];
+        field
+            .values_and_gradients(&places, &mut values, &mut gradients)
+            .unwrap();
+        let at = |places: &[Vec3]| {
+            let mut values = vec![0.0; places.len()];
+            field.values(places, &mut values).unwrap();
+            values
+        };
+        let alone = at(&places);
+        let step = 1e-6;
+        for axis in 0..3 {
+            let moved = |h: f64| -> Vec<Vec3> {
+                let mut places = places.clone();
+                for p in &mut places {
+                    p[axis] += h;
+                }
+                places
+            };
+            let (low, high) = (at(&moved(-step)), at(&moved(step)));
+            for i in 0..places.len() {
+                assert!((values[i] - alone[i]).abs() < 1e-12);
+                let slope = (high[i] - low[i]) / (2.0 * step);
+                let error = (slope - gradients[i][axis]).abs();
+                // The slope is continuous, its own slope is not.
+                assert!(error < 1e-4, "{:?} {axis}: {slope} {error}", places[i]);
+            }
+        }
+    }
+
+    #[test]
+    fn blocks_rule_in_their_cores_and_the_coarse_field_beyond() {
+        let field = field();
+        let mut values = [0.0; 2];
+        field
+            .values(&[[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], &mut values)
+            .unwrap();
+        let (block, wave) = &field.parts[0];
+        let mut inner = [0.0; 2];
+        wave.values(&[block.frame.to_unit([0.5; 3])], &mut inner[..1])
+            .unwrap();
+        Wave(2.0).values(&[[9.0; 3]], &mut inner[1..]).unwrap();
+        assert!((values[0] - inner[0] * 0.3 / 0.5).abs() < 1e-12);
+        assert!((values[1] - inner[1]).abs() < 1e-12);
+    }
+}

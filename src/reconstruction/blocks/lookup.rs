@@ -1,0 +1,122 @@
+//! Which of many overlapping boxes hold a place.
+
+use crate::reconstruction::vector::{Bounds, Vec3};
+
+/// Boxes of a leaf.
+const LEAF: usize = 4;
+
+/// A tree over boxes.
+#[derive(Debug)]
+pub(super) struct Lookup {
+    boxes: Vec<Bounds>,
+    /// Indices of the boxes, those of a node side by side.
+    order: Vec<u32>,
+    nodes: Vec<Node>,
+}
+
+/// A box around some of the boxes.
+#[derive(Debug)]
+struct Node {
+    bounds: Bounds,
+    start: usize,
+    end: usize,
+    /// The nodes of the two halves; none at a leaf.
+    halves: Option<[usize; 2]>,
+}
+
+impl Lookup {
+    /// A tree over these boxes.
+    pub(super) fn new(boxes: Vec<Bounds>) -> Self {
+        let mut lookup = Self {
+            order: (0..boxes.len() as u32).collect(),
+            nodes: Vec::new(),
+            boxes,
+        };
+        if !lookup.boxes.is_empty() {
+            lookup.build(0, lookup.boxes.len());
+        }
+        lookup
+    }
+
+    /// Makes the node of `order[start..end]`; its index.
+    fn build(&mut self, start: usize, end: usize) -> usize {
+        let boxes = &self.boxes;
+        let part = &mut self.order[start..end];
+        let corners: Vec<Vec3> = part
+            .iter()
+            .flat_map(|&i| [boxes[i as usize].min, boxes[i as usize].max])
+            .collect();
+        let bounds = Bounds::of(&corners).expect("a node has boxes");
+        let index = self.nodes.len();
+        self.nodes.push(Node {
+            bounds,
+            start,
+            end,
+            halves: None,
+        });
+        if end - start > LEAF {
+            let extent = bounds.extent();
+            let axis = (0..3).fold(0, |a, b| if extent[b] > extent[a] { b } else { a });
+            part.sort_by(|&a, &b| {
+                let centre = |i: u32| boxes[i as usize].centre()[axis];
+                centre(a).total_cmp(&centre(b)).then(a.cmp(&b))
+            });
+            let middle = usize::midpoint(start, end);
+            let halves = [self.build(start, middle), self.build(middle, end)];
+            self.nodes[index].halves = Some(halves);
+        }
+        index
+    }
+
+    /// Calls `found` with the index of each box that holds `q`, in a fixed order.
+    pub(super) fn holding(&self, q: Vec3, mut found: impl FnMut(usize)) {
+        let mut open: Vec<usize> = Vec::with_capacity(32);
+        open.extend(self.nodes.first().map(|_| 0));
+        while let Some(index) = open.pop() {
+            let node = &self.nodes[index];
+            if !node.bounds.contains(q) {
+                continue;
+            }
+            if let Some([low, high]) = node.halves {
+                open.extend([high, low]);
+            } else {
+                for &i in &self.order[node.start..node.end] {
+                    if self.boxes[i as usize].contains(q) {
+                        found(i as usize);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::RngExt;
+
+    use super::*;
+    use crate::reconstruction::random::{Purpose, stream};
+
+    #[test]
+    fn every_box_that_holds_a_place_is_found_once() {
+        let mut random = stream(3, Purpose::Shape);
+        for count in [0, 1, 3, 40, 300] {
+            let boxes: Vec<Bounds> = (0..count)
+                .map(|_| {
+                    let min: Vec3 = std::array::from_fn(|_| random.random());
+                    let max = min.map(|v| v + 0.3 * random.random::<f64>());
+                    Bounds { min, max }
+                })
+                .collect();
+            let lookup = Lookup::new(boxes.clone());
+            for _ in 0..200 {
+                let q: Vec3 = std::array::from_fn(|_| 1.3 * random.random::<f64>());
+                let mut found = Vec::new();
+                lookup.holding(q, |i| found.push(i));
+                found.sort_unstable();
+                let expected: Vec<usize> = (0..count).filter(|&i| boxes[i].contains(q)).collect();
+                assert_eq!(found, expected);
+            }
+        }
+    }
+}
