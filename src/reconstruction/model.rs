@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use thiserror::Error;
 
-use super::blocks::{self, Block, BlockModel};
+use super::blocks::{Block, BlockModel};
 use super::network::{Architecture, Ensemble, MeanField, PlainNetwork};
 use super::sampling::Frame;
 use super::settings::{Precision, Settings};
@@ -161,7 +161,7 @@ impl Model {
         }
         let blocks = blocks
             .map(|record| {
-                let architecture = blocks::architecture(&settings.network);
+                let architecture = Architecture::of_block(&settings.network);
                 let length = architecture.parameter_count();
                 let count = record.blocks.len();
                 let mut parameters = vec![0.0; count * length];
@@ -324,7 +324,7 @@ mod tests {
         use crate::reconstruction::vector::Bounds;
 
         let mut model = model(Precision::F32, true);
-        let architecture = blocks::architecture(&model.settings.network);
+        let architecture = Architecture::of_block(&model.settings.network);
         let block = |x: f64| {
             let core = Bounds {
                 min: [x, 0.0, 0.0],

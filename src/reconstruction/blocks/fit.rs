@@ -19,9 +19,6 @@ use crate::reconstruction::vector::Vec3;
 /// Pairs of L-BFGS: over 100 to 150 evaluations 15 did as well as 40.
 const PAIRS: usize = 15;
 
-/// A network is looked at after so many evaluations, and goes on for as many up to so many times.
-const ROUNDS: u64 = 3;
-
 /// What it may leave of its points, in spacings. Chosen on a ball with bumps.
 const LEFT: f64 = 0.02;
 
@@ -147,7 +144,7 @@ fn fit_block<T: Scalar>(
     let round = settings.training.block_evaluations;
     let allowed = task.allowed(block).powi(2);
     let training = Training {
-        max_evaluations: ROUNDS * round,
+        max_evaluations: settings.training.most_block_evaluations(),
         history: PAIRS,
         patience: 0,
         time_limit_seconds: 0.0,

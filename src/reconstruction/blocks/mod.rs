@@ -19,7 +19,7 @@ use super::random::{Purpose, stream};
 use super::report::BlocksReport;
 use super::sampling::neighbours::median;
 use super::sampling::{Prepared, Samples, Scan, Uncertainty, even_subset};
-use super::settings::{Network, Settings};
+use super::settings::Settings;
 use super::surface::Field;
 use super::training::Identity;
 use super::vector::{Vec3, norm};
@@ -44,15 +44,6 @@ const LEFT_OF_NOISE: f64 = 0.5;
 
 /// Points that are held out of the blocks, at most: enough to tell the error of a mesh.
 const HELD_OUT: usize = 2_500;
-
-/// The shape of the network of a block.
-pub(super) fn architecture(network: &Network) -> Architecture {
-    Architecture {
-        width: network.block_width,
-        hidden_layers: network.block_layers,
-        ..Architecture::new(network)
-    }
-}
 
 /// Whether the field of one network leaves more of the points that it was not fitted to than their noise explains.
 ///
@@ -135,7 +126,7 @@ pub(super) fn refine<T: Scalar>(
             (u.surface_weight(), decay)
         })
         .unzip();
-    let architecture = architecture(&settings.network);
+    let architecture = Architecture::of_block(&settings.network);
     let task = Task {
         blocks: &blocks,
         places: &places,

@@ -45,6 +45,15 @@ impl Architecture {
         }
     }
 
+    /// The shape of the network of a block.
+    pub fn of_block(network: &Network) -> Self {
+        Self {
+            width: network.block_width,
+            hidden_layers: network.block_layers,
+            ..Self::new(network)
+        }
+    }
+
     /// All layers in the order of their parameters, which is that of PyTorch's `parameters()`:
     /// weight and bias of each linear layer from input to output, then those of the gates.
     pub fn layers(&self) -> Vec<Layer> {

@@ -38,6 +38,7 @@ pub(super) use prepare::{Scan, scan};
 pub(super) use selection::even_subset;
 pub(super) use solid::boundary;
 pub(super) use uncertainty::Uncertainty;
+pub(crate) use working::MAX_WORKING_POINTS;
 
 /// Points with targets and weights of the least-squares fit, in the frame of training.
 #[derive(Debug, Clone, Default, PartialEq)]

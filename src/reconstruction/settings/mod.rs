@@ -39,6 +39,17 @@ pub struct Settings {
 /// from 300 points, 20 to 100 pairs give the same surfaces, from 2000 and more every pair helps.
 const SAMPLES_PER_PAIR: usize = 64;
 
+/// The network of a block is looked at after [`Training::block_evaluations`], and goes on for as many up to so many
+/// times.
+const BLOCK_ROUNDS: u64 = 3;
+
+impl Training {
+    /// Most evaluations of the network of a block.
+    pub fn most_block_evaluations(&self) -> u64 {
+        BLOCK_ROUNDS * self.block_evaluations
+    }
+}
+
 impl Settings {
     /// Most pairs that L-BFGS keeps over so many training samples.
     pub fn kept_pairs(&self, samples: usize) -> usize {
