@@ -26,7 +26,7 @@ mod writer;
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use futures_util::future::BoxFuture;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
@@ -42,8 +42,8 @@ pub use idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};
 pub use meshes::{MESH_CHUNK_BYTES, MeshInfo};
 pub use origin::is_ours;
 
-use super::Result;
 use super::clock::{self, Clock};
+use super::{Error, Result};
 use shredder::Shredder;
 use writer::{Transaction, Writer};
 
@@ -93,6 +93,12 @@ pub struct Store {
     inner: Arc<Inner>,
 }
 
+/// Busy timeouts that opening waits while other processes open the same database.
+const OPENING: u32 = 4;
+
+/// Pause between two tries of that.
+const PAUSE: Duration = Duration::from_millis(20);
+
 struct Inner {
     writer: Writer,
     readers: SqlitePool,
@@ -106,7 +112,7 @@ impl Store {
     /// a tokio runtime, in which the writing task lives.
     ///
     /// # Errors
-    /// `Busy` while another process migrates; `Migration` if the file is of a later version;
+    /// `Busy` where other processes still migrate after several times the busy timeout; `Migration` if the file is of a later version;
     /// `Database` if it is none of ours or cannot be opened.
     pub async fn open(data_dir: &Path, options: Options) -> Result<Self> {
         let connect = SqliteConnectOptions::new()
@@ -114,17 +120,15 @@ impl Store {
             .foreign_keys(true)
             .busy_timeout(options.busy_timeout)
             .disable_statement_logging();
-        let mut db = connect
+        let writing = connect
             .clone()
             .create_if_missing(true)
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
             .pragma("journal_size_limit", LOG_LIMIT_BYTES)
             // What a user erases is overwritten: meshes of patients do not stay in free pages.
-            .pragma("secure_delete", "ON")
-            .connect()
-            .await?;
-        migrate(&mut db).await?;
+            .pragma("secure_delete", "ON");
+        let db = migrated(&writing, OPENING * options.busy_timeout).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             .acquire_timeout(options.busy_timeout)
@@ -192,6 +196,23 @@ impl Store {
 
     fn readers(&self) -> &SqlitePool {
         &self.inner.readers
+    }
+}
+
+/// A connection to the database, migrated. SQLite refuses to change the journal of a new database while another
+/// process does so, without waiting; and migrations of several processes take their time one after the other.
+async fn migrated(options: &SqliteConnectOptions, patience: Duration) -> Result<SqliteConnection> {
+    let once = async || -> Result<SqliteConnection> {
+        let mut db = options.connect().await?;
+        migrate(&mut db).await?;
+        Ok(db)
+    };
+    let start = Instant::now();
+    loop {
+        match once().await {
+            Err(Error::Busy) if start.elapsed() < patience => tokio::time::sleep(PAUSE).await,
+            result => return result,
+        }
     }
 }
 
