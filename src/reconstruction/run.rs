@@ -202,7 +202,9 @@ fn fit<T: Scalar>(
             blocks::needed(&field, mesher.settings, mesher.prepared, scan)
         }
     };
-    let has_more = scan.is_some_and(|s| s.indices.len() > mesher.settings.sampling.surface_points);
+    // Of uncertain points, an ensemble that has not settled yet leaves more than it will.
+    let has_more = !mesher.prepared.uncertain
+        || scan.is_some_and(|s| s.indices.len() > mesher.settings.sampling.surface_points);
     let mut snapshot = |evaluation: u64, parameters: &[T]| {
         let field = problem.field(parameters)?;
         // Training takes care of a release after this iteration, without losing it.

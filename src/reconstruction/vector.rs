@@ -9,31 +9,37 @@ use serde::{Deserialize, Serialize};
 pub type Vec3 = [f64; 3];
 
 /// `a + b`.
+#[inline]
 pub fn add(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
 /// `a - b`.
+#[inline]
 pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 /// `s a`.
+#[inline]
 pub fn scale(a: Vec3, s: f64) -> Vec3 {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
 /// `a + s b`.
+#[inline]
 pub fn along(a: Vec3, s: f64, b: Vec3) -> Vec3 {
     [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
 }
 
 /// `a · b`.
+#[inline]
 pub fn dot(a: Vec3, b: Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// `a × b`.
+#[inline]
 pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
     [
         a[1] * b[2] - a[2] * b[1],
@@ -43,11 +49,13 @@ pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
 }
 
 /// `|a|`.
+#[inline]
 pub fn norm(a: Vec3) -> f64 {
     dot(a, a).sqrt()
 }
 
 /// `|a - b|`.
+#[inline]
 pub fn distance(a: Vec3, b: Vec3) -> f64 {
     norm(sub(a, b))
 }
@@ -58,6 +66,7 @@ pub fn bits(a: Vec3) -> [u64; 3] {
 }
 
 /// `a / |a|`; `None` where `|a|` is zero, subnormal or not finite.
+#[inline]
 pub fn normalized(a: Vec3) -> Option<Vec3> {
     let length = norm(a);
     (length.is_normal()).then(|| scale(a, 1.0 / length))

@@ -20,26 +20,28 @@ const LEAST_OVERLAP: f64 = 3.0;
 /// Half the longest edge of a reach in the frame of its network.
 const HALF_EXTENT: f64 = 2.0;
 
-/// Blocks of at most `most` of `points`, whose local spacings are given: the cells of a k-d tree, cut at the
-/// median of the longest edge of the box around its points.
+/// The fewest blocks of about as many of `points` each, `most` at most, whose local spacings are given: the cells of
+/// a k-d tree, cut along the longest edge of the box around their points.
 pub(super) fn partition(points: &[Vec3], spacings: &[f64], most: usize) -> Vec<Block> {
     let everywhere = Bounds {
         min: [f64::NEG_INFINITY; 3],
         max: [f64::INFINITY; 3],
     };
     let mut blocks = Vec::new();
-    let mut open = vec![((0..points.len() as u32).collect::<Vec<u32>>(), everywhere)];
-    while let Some((mut indices, cell)) = open.pop() {
+    let all: Vec<u32> = (0..points.len() as u32).collect();
+    let mut open = vec![(all, everywhere, points.len().div_ceil(most))];
+    while let Some((mut indices, cell, parts)) = open.pop() {
         let bounds = Bounds::of(indices.iter().map(|&i| &points[i as usize]));
         let Some(bounds) = bounds else { continue };
-        if indices.len() <= most {
+        if parts == 1 {
             let mut theirs: Vec<f64> = indices.iter().map(|&i| spacings[i as usize]).collect();
             blocks.extend(block(&bounds, &cell, median(&mut theirs)));
             continue;
         }
         let extent = bounds.extent();
         let axis = (0..3).fold(0, |a, b| if extent[b] > extent[a] { b } else { a });
-        let middle = indices.len() / 2;
+        let low_parts = parts / 2;
+        let middle = indices.len() * low_parts / parts;
         let by_axis = |i: &u32| points[*i as usize][axis];
         let (_, at, _) = indices.select_nth_unstable_by(middle, |a, b| {
             by_axis(a).total_cmp(&by_axis(b)).then(a.cmp(b))
@@ -49,7 +51,10 @@ pub(super) fn partition(points: &[Vec3], spacings: &[f64], most: usize) -> Vec<B
         let (mut below, mut above) = (cell, cell);
         below.max[axis] = cut;
         above.min[axis] = cut;
-        open.extend([(high, above), (indices, below)]);
+        open.extend([
+            (high, above, parts - low_parts),
+            (indices, below, low_parts),
+        ]);
     }
     blocks
 }
@@ -93,7 +98,7 @@ mod tests {
             .collect();
         let spacings = vec![0.02; points.len()];
         let blocks = partition(&points, &spacings, 200);
-        assert!(blocks.len() >= 15, "{}", blocks.len());
+        assert_eq!(blocks.len(), 15);
         for p in &points {
             let cores: Vec<&Block> = blocks.iter().filter(|b| b.core.contains(*p)).collect();
             assert!(!cores.is_empty());

@@ -75,11 +75,7 @@ impl Jets {
         let fits: Vec<Vec<Option<Fit>>> = (0..points.len())
             .into_par_iter()
             .map(|i| {
-                let arms: Vec<Vec3> = neighbours
-                    .of(i)
-                    .filter(|&j| dot(normals[i], normals[j]) > SAME_SHEET)
-                    .map(|j| sub(points[j], points[i]))
-                    .collect();
+                let arms = same_sheet(points, normals, neighbours, i);
                 DEGREES
                     .iter()
                     .flat_map(|degree| sizes.iter().map(move |size| (*degree, *size)))
@@ -100,6 +96,31 @@ impl Jets {
         let errors: Vec<f64> = chosen.iter().filter_map(|(_, error)| *error).collect();
         Self {
             normals: chosen.into_iter().map(|(normal, _)| normal).collect(),
+            errors,
+        }
+    }
+
+    /// The same from one quadric through the nearest points of each: where points are many, slopes need no more.
+    pub fn nearest(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) -> Self {
+        let fits: Vec<Option<Fit>> = (0..points.len())
+            .into_par_iter()
+            .map(|i| {
+                let arms = same_sheet(points, normals, neighbours, i);
+                fit(&arms, normals[i], DEGREES[1])
+            })
+            .collect();
+        let errors = (0..points.len())
+            .into_par_iter()
+            .filter_map(|i| {
+                let pool = iter::once(i).chain(neighbours.of(i).take(POOLED));
+                root_mean_square(pool.filter_map(|j| fits[j].map(|fit| fit.error)))
+            })
+            .collect();
+        let chosen = fits.iter().zip(normals);
+        Self {
+            normals: chosen
+                .map(|(fit, normal)| fit.map_or(*normal, |fit| fit.normal))
+                .collect(),
             errors,
         }
     }
@@ -128,6 +149,25 @@ pub(super) fn moved(point: Vec3, normal: Vec3, arms: &[Vec3]) -> (Vec3, Vec3) {
     })
 }
 
+/// From point `i` to its neighbours on the same sheet, nearest first.
+fn same_sheet(
+    points: &[Vec3],
+    normals: &[Vec3],
+    neighbours: &Neighbourhoods,
+    i: usize,
+) -> Vec<Vec3> {
+    neighbours
+        .of(i)
+        .filter(|&j| dot(normals[i], normals[j]) > SAME_SHEET)
+        .map(|j| sub(points[j], points[i]))
+        .collect()
+}
+
+fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (count, sum) = values.fold((0_u32, 0.0), |(count, sum), v| (count + 1, sum + v * v));
+    (count > 0).then(|| (sum / f64::from(count)).sqrt())
+}
+
 /// Normal of the first point of `pool`, and error, of that kind of fit whose error over the pool, times
 /// its `factor`, is least.
 fn best(
@@ -138,11 +178,8 @@ fn best(
     let own = fits[*pool.first()?].iter().enumerate();
     own.filter_map(|(k, fit)| {
         let fit = (*fit)?;
-        let squares: Vec<f64> = pool
-            .iter()
-            .filter_map(|&j| fits[j][k].map(|fit| fit.error * fit.error))
-            .collect();
-        let error = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        let errors = pool.iter().filter_map(|&j| fits[j][k]);
+        let error = root_mean_square(errors.map(|fit| fit.error))?;
         Some((fit.normal, error, error * factor(k)))
     })
     .min_by(|a, b| a.2.total_cmp(&b.2))

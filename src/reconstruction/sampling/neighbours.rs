@@ -74,22 +74,19 @@ impl Neighbourhoods {
     /// The `count` nearest others of each of `points`, over which `tree` was made.
     pub fn new(tree: &Tree, points: &[Vec3], count: usize) -> Self {
         let count = count.min(points.len() - 1);
-        let lists: Vec<Vec<u32>> = points
-            .par_iter()
+        let mut indices = vec![0; count * points.len()];
+        // Without neighbours there is nothing to write, but a chunk has at least one place.
+        indices
+            .par_chunks_mut(count.max(1))
             .enumerate()
-            .map(|(i, p)| {
-                tree.nearest_n(*p, count + 1)
-                    .into_iter()
-                    .filter(|(j, _)| *j != i)
-                    .take(count)
-                    .map(|(j, _)| j as u32)
-                    .collect()
-            })
-            .collect();
-        Self {
-            count,
-            indices: lists.concat(),
-        }
+            .for_each(|(i, list)| {
+                let near = tree.nearest_n(points[i], count + 1);
+                let others = near.into_iter().map(|(j, _)| j).filter(|j| *j != i);
+                for (to, j) in list.iter_mut().zip(others) {
+                    *to = j as u32;
+                }
+            });
+        Self { count, indices }
     }
 
     /// Number of neighbours of each point.
@@ -107,14 +104,12 @@ impl Neighbourhoods {
     /// Local spacing of each point: the mean distance to its nearest distinct neighbours.
     pub fn spacings(&self, points: &[Vec3]) -> Vec<f64> {
         (0..points.len())
+            .into_par_iter()
             .map(|i| {
-                let near: Vec<f64> = self
-                    .of(i)
-                    .map(|j| distance(points[i], points[j]))
-                    .filter(|d| *d > 0.0)
-                    .take(SPACING_NEIGHBOURS)
-                    .collect();
-                near.iter().sum::<f64>() / near.len().max(1) as f64
+                let near = self.of(i).map(|j| distance(points[i], points[j]));
+                let near = near.filter(|d| *d > 0.0).take(SPACING_NEIGHBOURS);
+                let (count, sum) = near.fold((0_u32, 0.0), |(count, sum), d| (count + 1, sum + d));
+                sum / f64::from(count.max(1))
             })
             .collect()
     }

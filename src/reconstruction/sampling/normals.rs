@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::given::judged;
-use super::neighbours::{Neighbourhoods, Tree, median};
+use super::neighbours::{Neighbourhoods, Tree};
 use super::orientation::{orient, points_inwards};
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::symmetric::{covariance, eigen};
@@ -120,21 +120,6 @@ pub(super) fn shared(places: &[Vec3], tree: &Tree, normals: &[Vec3]) -> Vec<Vec3
             normalized(same.fold([0.0; 3], add)).unwrap_or(first)
         })
         .collect()
-}
-
-/// Median over `points` of the extent of the nearest `count` of them along the normal of their plane, as a
-/// share of that within it: near 0 on a clean surface, near 1 where noise makes it a cloud in space.
-pub(super) fn thickness(points: &[Vec3], tree: &Tree, count: usize) -> f64 {
-    let mut shares: Vec<f64> = points
-        .par_iter()
-        .map(|&p| {
-            let near = tree.nearest_n(p, count + 1);
-            let arms: Vec<Vec3> = near.into_iter().map(|(j, _)| sub(points[j], p)).collect();
-            let (values, _) = eigen(covariance(&arms));
-            (values[0].max(0.0) / values[1].max(f64::MIN_POSITIVE)).sqrt()
-        })
-        .collect();
-    median(&mut shares)
 }
 
 fn plane(points: &[Vec3], tree: &Tree, p: Vec3, neighbours: usize) -> Vec3 {

@@ -12,7 +12,7 @@ use crate::reconstruction::settings::{self, OffSurface, Settings};
 use crate::reconstruction::vector::bits;
 
 /// Most surface points that are looked at; larger clouds are thinned evenly first.
-pub(crate) const MAX_WORKING_POINTS: usize = 100_000;
+pub(crate) const MAX_WORKING_POINTS: usize = 5_000_000;
 
 /// Indices of the surface points that are worked with, and of strays: all and none in the paper's way, otherwise
 /// different ones that are no strays, thinned where they are very many.

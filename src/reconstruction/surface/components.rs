@@ -9,9 +9,9 @@ use crate::reconstruction::mesh::{TriangleMesh, components};
 use crate::reconstruction::settings::Components;
 use crate::reconstruction::vector::Vec3;
 
-/// Input points that a component needs: as many as span a piece of surface. One stray point may lie
-/// next to a spurious sheet.
-const LEAST_SUPPORT: usize = 3;
+/// Input points that a component needs: as many as the corners of a cube. A bubble beside the surface, as wide as
+/// the points are apart, takes fewer from it.
+const LEAST_SUPPORT: usize = 8;
 
 /// What [`keep_components`] left out.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -28,7 +28,7 @@ pub struct Dropped {
 ///
 /// Each of `support_points` supports the component of the vertex nearest to it, if that is within
 /// `reach`; `reach` should not be less than the spacing of the grid. [`Components::Supported`] keeps
-/// the components with at least three supporting points, or as many as the best has, so that it
+/// the components with at least eight supporting points, or as many as the best has, so that it
 /// returns an empty mesh only if no point supports any.
 pub fn keep_components(
     mut mesh: TriangleMesh,

@@ -116,8 +116,8 @@ impl Term for Transposed {
     #[inline(always)]
     fn add<S: Simd>(simd: S, pair: &Pair<S>, m: [S::f32s; 3], sum: &mut [S::f32s; 3]) {
         let weight = simd.mul_f32s(m[0], pair.kernel);
-        for (sum, away) in sum.iter_mut().zip(pair.away) {
-            *sum = simd.sub_f32s(*sum, simd.mul_f32s(weight, away));
+        for axis in 0..3 {
+            sum[axis] = simd.sub_f32s(sum[axis], simd.mul_f32s(weight, pair.away[axis]));
         }
     }
 }
@@ -133,9 +133,9 @@ impl Term for Downhill {
         // Within the width the kernel is linear and has no radial part.
         let outside = simd.less_than_f32s(pair.bound, pair.square);
         let radial = simd.select_f32s(outside, radial, simd.splat_f32s(0.0));
-        for ((sum, away), m) in sum.iter_mut().zip(pair.away).zip(m) {
-            let part = simd.sub_f32s(m, simd.mul_f32s(radial, away));
-            *sum = simd.mul_add_e_f32s(pair.kernel, part, *sum);
+        for axis in 0..3 {
+            let part = simd.sub_f32s(m[axis], simd.mul_f32s(radial, pair.away[axis]));
+            sum[axis] = simd.mul_add_e_f32s(pair.kernel, part, sum[axis]);
         }
     }
 }
@@ -161,21 +161,28 @@ impl<T: Term> WithSimd for Block<'_, T> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let (one, bound) = (simd.splat_f32s(1.0), simd.splat_f32s(self.square));
+        let zero = [simd.splat_f32s(0.0); 3];
         for (sums, places) in self
             .sums
             .chunks_mut(S::F32_LANES)
             .zip(self.places.chunks(S::F32_LANES))
         {
-            let at = [0, 1, 2].map(|axis| {
+            let mut at = zero;
+            for (axis, at) in at.iter_mut().enumerate() {
                 let mut row = [0.0; BLOCK];
                 for (to, place) in row.iter_mut().zip(places) {
                     *to = place[axis];
                 }
-                simd.partial_load_f32s(&row[..S::F32_LANES])
-            });
-            let mut sum = [simd.splat_f32s(0.0); 3];
+                *at = simd.partial_load_f32s(&row[..S::F32_LANES]);
+            }
+            let mut sum = zero;
+            // Loops and not `map`: what a closure does is not inlined here, and calls cost more than it does.
             for (p, m) in self.sources {
-                let away = [0, 1, 2].map(|axis| simd.sub_f32s(simd.splat_f32s(p[axis]), at[axis]));
+                let (mut away, mut carried) = (zero, zero);
+                for axis in 0..3 {
+                    away[axis] = simd.sub_f32s(simd.splat_f32s(p[axis]), at[axis]);
+                    carried[axis] = simd.splat_f32s(m[axis]);
+                }
                 let square = inner(simd, away, away);
                 let inverse_square = simd.div_f32s(one, simd.max_f32s(square, bound));
                 let pair = Pair {
@@ -185,7 +192,7 @@ impl<T: Term> WithSimd for Block<'_, T> {
                     inverse_square,
                     kernel: simd.mul_f32s(inverse_square, simd.sqrt_f32s(inverse_square)),
                 };
-                T::add(simd, &pair, m.map(|m| simd.splat_f32s(m)), &mut sum);
+                T::add(simd, &pair, carried, &mut sum);
             }
             for (axis, sum) in sum.into_iter().enumerate() {
                 let mut row = [0.0; BLOCK];

@@ -3,31 +3,31 @@
 mod consistency;
 mod contradiction;
 mod dipoles;
+mod many;
 mod spanning;
 
 use super::jets::{Jets, WIDEST};
 use super::neighbours::{Neighbourhoods, Tree, median};
-use super::normals::{estimate, shared, thickness};
+use super::normals::estimate;
 use super::selection::even_subset;
 use super::winding::Oriented;
 use crate::reconstruction::random::{Purpose, stream};
 use crate::reconstruction::vector::Vec3;
 use consistency::Consistent;
 use contradiction::{Contradiction, contradiction};
+use many::Many;
 
 pub(super) use spanning::points_inwards;
 
 /// Most points between which all pairs are summed; the others follow their field.
 const MOST_PAIRED: usize = 5_000;
 
-/// Thickness from which on a cloud is seen as rough before anything is fitted.
-const THICK: f64 = 0.4;
-
-/// Above so many points, a rough cloud is looked at through fewer of them.
+/// Most points on which sides and the sizes of fits are worked out; those of larger clouds follow an even subset.
 const MANY: usize = 20_000;
 
-/// One of so many points is looked at then.
-const COARSENING: usize = 4;
+/// Contradiction of the sides that follow a subset from which on all points are asked for theirs: parts so thin
+/// that the subset takes both faces for one have more.
+const CONTRADICTS: f64 = 0.1;
 
 /// Width of the kernel, in spacings, where there is no noise.
 const LEAST_WIDTH: f64 = 0.5;
@@ -82,8 +82,8 @@ pub struct Estimated {
 /// for; the noise is what local fits leave, and those give the directions too. Open sheets have no
 /// inside: their side comes from a spanning tree (\[H92\]), as where that contradicts itself much less.
 pub fn orient(points: &[Vec3], tree: &Tree, neighbours: &Neighbourhoods) -> Estimated {
-    if points.len() > MANY && thickness(points, tree, neighbours.count()) > THICK {
-        return coarser(points, neighbours.count());
+    if points.len() > MANY {
+        return Many::new(points, tree, neighbours).orient();
     }
     let cloud = Cloud::new(points, tree, neighbours);
     let flat = estimate(points, tree, neighbours.count());
@@ -107,21 +107,10 @@ pub fn refined(
     tree: &Tree,
     neighbours: &Neighbourhoods,
 ) -> Estimated {
-    Cloud::new(points, tree, neighbours).fitted(normals).into()
-}
-
-/// What an even subset tells. Its neighbourhoods are wider than the noise; those of the cloud, of the
-/// same number of points, are not.
-fn coarser(points: &[Vec3], count: usize) -> Estimated {
-    let fewer = points.len() / COARSENING;
-    let chosen = even_subset(points, fewer, &mut stream(0, Purpose::Selection));
-    let some: Vec<Vec3> = chosen.into_iter().map(|i| points[i]).collect();
-    let tree = Tree::new(&some);
-    let coarse = orient(&some, &tree, &Neighbourhoods::new(&tree, &some, count));
-    Estimated {
-        normals: shared(points, &tree, &coarse.normals),
-        noise: coarse.noise,
+    if points.len() > MANY {
+        return Many::new(points, tree, neighbours).refined(normals);
     }
+    Cloud::new(points, tree, neighbours).fitted(normals).into()
 }
 
 impl From<Jets> for Estimated {
