@@ -9,7 +9,8 @@ help:
 	@echo "make contract  requests made up from openapi.yaml against a served instance (Schemathesis)"
 	@echo "make bench   benchmarks (criterion); tables are in docs/benchmarks.md"
 	@echo "make bench-engines  loss and gradient beside PyTorch and JAX, which it installs under target/"
-	@echo "make bench-quality BENCH=FOLDER  clouds with true surfaces, beside what other tools reached"
+	@echo "make bench-quality BENCH=FOLDER  clouds with true surfaces, beside what other tools reached;"
+	@echo "             dense clouds from true surfaces, beside Open3D, which it installs under target/"
 	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
 	@echo "make soak    jobs under random faults; MINUTES=10"
 	@echo "make check   format, lints, documentation"
@@ -43,10 +44,25 @@ bench-engines: setup
 	target/engines-venv/bin/pip install --quiet torch==2.13.0 jax==0.10.2 numpy
 	cargo bench --locked --bench engines
 
-# BENCH holds clouds with true surfaces, see benches/quality/quality.py; ARGS go to it.
-bench-quality: build
+QUALITY_VENV := target/quality-venv/made
+
+# BENCH: one or more folders. One with an index.json holds clouds and what other tools reached on them, see
+# benches/quality/quality.py; one without holds true surfaces, from which dense clouds are drawn, see
+# benches/quality/dense; `generated` stands for those that it makes itself. ARGS go to each.
+bench-quality: build $(sort $(foreach folder,$(BENCH),$(if $(wildcard $(folder)/index.json),,$(QUALITY_VENV))))
 	@test -n "$(BENCH)" || { echo "bench-quality: BENCH=FOLDER is missing" >&2; exit 2; }
-	@python3 benches/quality/quality.py $(BENCH) $(ARGS)
+	@set -e; for folder in $(BENCH); do \
+	  case $$folder in \
+	    generated) python3 benches/quality/dense $(ARGS) ;; \
+	    *) if [ -f $$folder/index.json ]; then python3 benches/quality/quality.py $$folder $(ARGS); \
+	       else python3 benches/quality/dense $$folder $(ARGS); fi ;; \
+	  esac; \
+	done
+
+$(QUALITY_VENV): benches/quality/dense/requirements.txt
+	python3 -m venv target/quality-venv
+	target/quality-venv/bin/pip install --quiet --requirement $<
+	@touch $@
 
 bench-service: build
 	cargo bench --locked --bench service
