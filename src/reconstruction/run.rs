@@ -141,7 +141,7 @@ fn run<T: Scalar>(
     observer.event(Event::Phase(Phase::Surface));
     let progress = |share| observer.event(Event::Progress(share));
     let (mesh, surface) = mesher.mesh(field.as_ref(), &stopped, &progress)?;
-    if let Some(warning) = surface.warning() {
+    for warning in surface.warnings() {
         observer.event(Event::Warning(&warning));
     }
     stopwatch.lap(Phase::Surface);

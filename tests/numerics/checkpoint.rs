@@ -193,5 +193,6 @@ fn the_identity_changes_with_every_sample_and_setting() {
     // What happens after training: checkpoints that are older than the setting stay good.
     let mut trimmed = settings.clone();
     trimmed.surface.open = Open::Trimmed;
+    trimmed.surface.target_triangles = 10_000;
     assert_eq!(base, Identity::new(&trimmed, &spiral(60), &none));
 }

@@ -5,6 +5,7 @@ mod blocks;
 mod checkpoint;
 mod engines;
 mod ensemble;
+mod fewer_triangles;
 mod kinds;
 mod mesh;
 mod network;

@@ -2,6 +2,7 @@
 
 use meshway::reconstruction::cloud::PointCloud;
 use meshway::reconstruction::mesh::read::read;
+use meshway::reconstruction::quality::compare_meshes;
 use meshway::reconstruction::random::{Purpose, stream};
 use meshway::reconstruction::settings::{Preset, Settings};
 use meshway::reconstruction::shapes::{Recipe, Shape, sample};
@@ -15,9 +16,13 @@ use crate::surface::trim::check_open_sheet;
 use crate::uncertainty::Silent;
 
 fn made(cloud: &PointCloud, open: &str) -> Reconstruction {
+    made_of(cloud, open, 0)
+}
+
+fn made_of(cloud: &PointCloud, open: &str, target_triangles: usize) -> Reconstruction {
     let given = json!({
         "training": {"max_evaluations": 150},
-        "surface": {"resolution": 64, "open": open},
+        "surface": {"resolution": 64, "open": open, "target_triangles": target_triangles},
     });
     let settings = Settings::resolve(Preset::Fast, &given).unwrap();
     tch::set_num_threads(1);
@@ -87,6 +92,21 @@ fn open_sheets_are_cut_where_the_points_end() {
             );
         }
     }
+}
+
+#[test]
+fn a_sheet_with_fewer_triangles_ends_where_it_ended() {
+    let [all, fewer] = [0, 5_000].map(|target| made_of(&terrain(), "trimmed", target));
+    check_open_sheet(&fewer.mesh);
+    assert!(fewer.mesh.triangles.len() <= 5_000);
+    let [before, after] = [&all, &fewer].map(|made| &made.report.surface);
+    let change = before.trimmed_area_percent - after.trimmed_area_percent;
+    assert!(change.abs() < 1e-9);
+    let mut furthest = fewer.mesh.distance_to_points.iter();
+    assert!(furthest.all(|distance| *distance <= after.support_distance));
+    let compared = compare_meshes(&fewer.mesh, &all.mesh, 1).unwrap();
+    let moved = compared.hausdorff_percent / 100.0 * compared.diagonal;
+    assert!(moved <= 1.05 * after.simplification.unwrap().error_bound);
 }
 
 #[test]

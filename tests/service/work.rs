@@ -20,9 +20,10 @@ async fn a_job_becomes_a_mesh_a_report_and_a_model() {
     let folder = Folder::new().await;
     let _server = folder.serve(&[]).await;
     let id = folder
-        .submit(
-            json!({"training": {"snapshot_evaluations": [30], "histogram_evaluations": [1, 5]}}),
-        )
+        .submit(json!({
+            "training": {"snapshot_evaluations": [30], "histogram_evaluations": [1, 5]},
+            "surface": {"target_triangles": 1_000},
+        }))
         .await;
     let job = folder.end(&id).await;
     assert_eq!(job.status, Status::Succeeded, "{:?}", job.error);
@@ -45,6 +46,9 @@ async fn a_job_becomes_a_mesh_a_report_and_a_model() {
     let mesh = store.mesh_info(&id, 0).await.unwrap().unwrap();
     let bytes = store.mesh_chunk(mesh.id, 0).await.unwrap().unwrap();
     assert!(bytes.starts_with(b"ply\n") && mesh.triangles > 100);
+    let simplification = &report["surface"]["simplification"];
+    assert_eq!(simplification["target_triangles"], 1_000);
+    assert_eq!(simplification["triangles"], mesh.triangles);
     let header = String::from_utf8_lossy(&bytes[..400]);
     assert!(
         header.contains("property float distance_to_points\n"),

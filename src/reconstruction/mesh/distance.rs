@@ -2,6 +2,7 @@
 //! closest vertex or sample.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::Vector;
 use parry3d_f64::query::PointQueryWithLocation;
 use parry3d_f64::shape::TriMesh;
@@ -81,6 +82,16 @@ impl SurfaceTree {
     /// [`closest`](Self::closest) for each of `points`, in their order, on all threads.
     pub fn closest_to_each(&self, points: &[Vec3]) -> Vec<Closest> {
         points.par_iter().map(|&p| self.closest(p)).collect()
+    }
+
+    /// Triangles whose boxes meet that of `corners`, itself among them, in the order of the tree.
+    pub(super) fn near(&self, corners: &[Vec3]) -> Vec<usize> {
+        let corners = corners.iter().map(|&c| Vector::from(sub(c, self.origin)));
+        let around = Aabb::from_points(corners);
+        let leaves = self.shape.bvh().intersect_aabb(&around);
+        leaves
+            .map(|t| self.triangles[t as usize] as usize)
+            .collect()
     }
 
     /// Distance of each of `points` from the mesh, in their order.

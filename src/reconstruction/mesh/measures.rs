@@ -88,30 +88,38 @@ impl TriangleMesh {
         self.drop_unused_vertices();
     }
 
+    /// The mesh of `triangles`, which name vertices of this one, with the vertices that they use in their order; and
+    /// which vertices these are.
+    pub(super) fn part(&self, mut triangles: Vec<[u32; 3]>) -> (Self, Vec<u32>) {
+        let mut origins: Vec<u32> = triangles.as_flattened().to_vec();
+        origins.sort_unstable();
+        origins.dedup();
+        let mut place = vec![0; self.vertices.len()];
+        for (new, &old) in (0..).zip(&origins) {
+            place[old as usize] = new;
+        }
+        for v in triangles.as_flattened_mut() {
+            *v = place[*v as usize];
+        }
+        let part = Self {
+            vertices: those(&self.vertices, &origins),
+            normals: those(&self.normals, &origins),
+            triangles,
+            distance_to_points: those(&self.distance_to_points, &origins),
+        };
+        (part, origins)
+    }
+
     pub(super) fn drop_unused_vertices(&mut self) {
-        let mut used = vec![false; self.vertices.len()];
-        for &v in self.triangles.iter().flatten() {
-            used[v as usize] = true;
-        }
-        let moved_to: Vec<u32> = used
-            .iter()
-            .scan(0, |next, &used| {
-                let index = *next;
-                *next += u32::from(used);
-                Some(index)
-            })
-            .collect();
-        for v in self.triangles.iter_mut().flatten() {
-            *v = moved_to[*v as usize];
-        }
-        retain(&mut self.vertices, &used);
-        retain(&mut self.normals, &used);
-        retain(&mut self.distance_to_points, &used);
+        let triangles = std::mem::take(&mut self.triangles);
+        *self = self.part(triangles).0;
     }
 }
 
-/// Keeps the items of an attribute whose vertices are used; it may have none at all.
-fn retain<T>(attribute: &mut Vec<T>, used: &[bool]) {
-    let mut used = used.iter();
-    attribute.retain(|_| used.next().is_none_or(|&used| used));
+/// The items of an attribute that belong to some vertices; it may have none at all.
+fn those<T: Copy>(attribute: &[T], vertices: &[u32]) -> Vec<T> {
+    let items = vertices.iter();
+    items
+        .filter_map(|&v| attribute.get(v as usize).copied())
+        .collect()
 }

@@ -5,6 +5,7 @@
 mod distance;
 mod measures;
 pub mod read;
+mod simplify;
 mod topology;
 mod trim;
 pub mod write;
@@ -12,6 +13,7 @@ pub mod write;
 use super::vector::Vec3;
 
 pub use distance::{Closest, Distances, PointTree, SurfacePoint, SurfaceTree, sample_surface};
+pub use simplify::{Limits, Simplified, simplify};
 pub use topology::{Topology, components};
 pub use trim::trim;
 

@@ -78,6 +78,22 @@ pub fn components(mesh: &TriangleMesh) -> (Vec<u32>, usize) {
     components_of(&mesh.triangles, mesh.vertices.len())
 }
 
+/// Vertices of edges with more than two triangles, or with two that run along them in the same direction, and
+/// vertices with more than one fan; sorted.
+pub(super) fn irregular_vertices(triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
+    let edges = HalfEdges::of(triangles);
+    let mut irregular = edges.several_fans(triangles, vertices);
+    for edge in edges.sorted.chunk_by(|a, b| a.ends == b.ends) {
+        if edge.len() > 2 || !consistent(triangles, edge) {
+            let ends = edge[0].ends;
+            irregular.extend([(ends >> 32) as u32, ends as u32]);
+        }
+    }
+    irregular.sort_unstable();
+    irregular.dedup();
+    irregular
+}
+
 fn components_of(triangles: &[[u32; 3]], vertices: usize) -> (Vec<u32>, usize) {
     let mut pieces = DisjointSets::new(vertices);
     for [a, b, c] in triangles {
@@ -147,11 +163,7 @@ impl HalfEdges {
             distinct += 1;
             boundary += usize::from(edge.len() == 1);
             non_manifold += usize::from(edge.len() > 2);
-            let upwards = edge
-                .iter()
-                .filter(|half| start(triangles, half.corner) == (half.ends >> 32) as u32)
-                .count();
-            oriented &= upwards <= 1 && edge.len() - upwards <= 1;
+            oriented &= consistent(triangles, edge);
         }
         Self {
             sorted,
@@ -163,9 +175,28 @@ impl HalfEdges {
     }
 
     /// Number of vertices that a triangle uses, and of those among them with more than one fan.
+    fn fans(&self, triangles: &[[u32; 3]], vertices: usize) -> (usize, usize) {
+        let fans_at = self.fans_at(triangles, vertices);
+        (
+            fans_at.iter().filter(|&&n| n > 0).count(),
+            fans_at.iter().filter(|&&n| n > 1).count(),
+        )
+    }
+
+    /// Vertices with more than one fan.
+    fn several_fans(&self, triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
+        let fans_at = self.fans_at(triangles, vertices);
+        (0..)
+            .zip(fans_at)
+            .filter(|(_, n)| *n > 1)
+            .map(|(v, _)| v)
+            .collect()
+    }
+
+    /// Number of fans at each vertex.
     ///
     /// Two corners at a vertex are in the same fan when their triangles share an edge there.
-    fn fans(&self, triangles: &[[u32; 3]], vertices: usize) -> (usize, usize) {
+    fn fans_at(&self, triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
         let mut fans = DisjointSets::new(3 * triangles.len());
         for pair in self.sorted.windows(2).filter(|p| p[0].ends == p[1].ends) {
             let [a, b] = [pair[0].corner, pair[1].corner];
@@ -183,11 +214,17 @@ impl HalfEdges {
                 fans_at[start(triangles, corner) as usize] += 1;
             }
         }
-        (
-            fans_at.iter().filter(|&&n| n > 0).count(),
-            fans_at.iter().filter(|&&n| n > 1).count(),
-        )
+        fans_at
     }
+}
+
+/// Whether no two triangles run along an edge in the same direction.
+fn consistent(triangles: &[[u32; 3]], edge: &[HalfEdge]) -> bool {
+    let upwards = edge
+        .iter()
+        .filter(|half| start(triangles, half.corner) == (half.ends >> 32) as u32)
+        .count();
+    upwards <= 1 && edge.len() - upwards <= 1
 }
 
 /// Vertex at a corner.
@@ -228,5 +265,29 @@ impl DisjointSets {
     pub(super) fn unite(&mut self, a: u32, b: u32) {
         let (a, b) = (self.find(a), self.find(b));
         self.parents[a.max(b) as usize] = a.min(b);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TETRAHEDRON: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+
+    #[test]
+    fn a_manifold_has_no_irregular_vertices() {
+        assert!(irregular_vertices(&TETRAHEDRON, 4).is_empty());
+        assert!(irregular_vertices(&TETRAHEDRON[1..], 4).is_empty());
+        assert!(irregular_vertices(&[], 4).is_empty());
+    }
+
+    #[test]
+    fn irregular_vertices_are_those_of_too_many_triangles_turned_ones_and_several_fans() {
+        let with = |more: &[[u32; 3]]| [&TETRAHEDRON, more].concat();
+        assert_eq!(irregular_vertices(&with(&[[0, 1, 4]]), 5), [0, 1]);
+        assert_eq!(irregular_vertices(&with(&[[3, 4, 5]]), 6), [3]);
+        let mut turned = TETRAHEDRON;
+        turned[0] = [0, 1, 2];
+        assert_eq!(irregular_vertices(&turned, 4), [0, 1, 2]);
     }
 }

@@ -21,7 +21,7 @@ use crate::reconstruction::vector::Vec3;
 
 pub use stopwatch::Seconds;
 pub(super) use stopwatch::Stopwatch;
-pub use surface::SurfaceReport;
+pub use surface::{Simplification, SurfaceReport};
 pub use verdict::Verdict;
 
 use evidence::Evidence;
@@ -264,7 +264,7 @@ impl Report {
                 .normal_agreement(&points(trained_on), &normals)
         });
         let mut warnings = prepared.warnings.clone();
-        warnings.extend(surface.warning());
+        warnings.extend(surface.warnings());
         let cloud_report = CloudReport::new(prepared);
         let used = [trained_on.as_slice(), prepared.held_out.as_slice()].concat();
         let (verdict, verdict_reasons) = verdict::judge(&Evidence::new(
@@ -340,9 +340,9 @@ impl Report {
                 .iter()
                 .any(|reason| reason.code == code)
         };
-        if !told(surface::UNSUPPORTED) {
-            lines.extend(self.surface.unsupported(NEGLIGIBLE_PERCENT));
-        }
+        let unsupported = self.surface.unsupported(NEGLIGIBLE_PERCENT);
+        lines.extend(unsupported.filter(|_| !told(surface::UNSUPPORTED)));
+        lines.extend(self.surface.simplification.map(|made| made.summary()));
         let s = &self.seconds;
         lines.push(format!(
             "{:.1} s (sampling {:.1}, training {:.1}, surface {:.1}, report {:.1})",

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::reconstruction::mesh::TriangleMesh;
+use crate::reconstruction::mesh::{Limits, Simplified, TriangleMesh};
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::sampling::Frame;
 use crate::reconstruction::settings::Open;
@@ -39,6 +39,23 @@ pub struct SurfaceReport {
     pub unsupported_area_percent: f64,
     /// Percent of the area of the closed surface that was cut away because no point is near.
     pub trimmed_area_percent: f64,
+    /// How the mesh was simplified; none where that was not asked for, or it had no more triangles than asked for.
+    pub simplification: Option<Simplification>,
+}
+
+/// How a mesh was simplified; lengths in units of the input.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Simplification {
+    /// Triangles that were asked for.
+    pub target_triangles: usize,
+    /// Triangles before.
+    pub triangles_before: usize,
+    /// Triangles after.
+    pub triangles: usize,
+    /// Furthest that the surface was allowed to move.
+    pub error_bound: f64,
+    /// Furthest that it was found to have moved.
+    pub error: f64,
 }
 
 impl SurfaceReport {
@@ -54,6 +71,7 @@ impl SurfaceReport {
             support_distance: 0.0,
             unsupported_area_percent: 0.0,
             trimmed_area_percent: 0.0,
+            simplification: None,
         }
     }
 
@@ -89,8 +107,30 @@ impl SurfaceReport {
         self.trimmed_area_percent = (100.0 * (1.0 - kept)).max(0.0);
     }
 
+    /// Takes note of what was made, within `limits`, of a mesh of so many triangles.
+    pub(in crate::reconstruction) fn simplified(
+        &mut self,
+        triangles_before: usize,
+        limits: Limits,
+        simplified: &Simplified,
+    ) {
+        self.simplification = Some(Simplification {
+            target_triangles: limits.triangles,
+            triangles_before,
+            triangles: simplified.mesh.triangles.len(),
+            error_bound: limits.error,
+            error: simplified.error,
+        });
+    }
+
+    /// What to warn of.
+    pub(in crate::reconstruction) fn warnings(&self) -> impl Iterator<Item = Warning> {
+        let above = self.simplification.and_then(Simplification::warning);
+        self.warning().into_iter().chain(above)
+    }
+
     /// What to warn of: a mesh of which a notable part was not measured.
-    pub(in crate::reconstruction) fn warning(&self) -> Option<Warning> {
+    pub(super) fn warning(&self) -> Option<Warning> {
         if self.trimmed_area_percent > 0.0 {
             return None;
         }
@@ -117,5 +157,30 @@ impl SurfaceReport {
                 self.unsupported_area_percent, self.support_distance
             )
         })
+    }
+}
+
+impl Simplification {
+    /// What to warn of: more triangles than asked for.
+    fn warning(self) -> Option<Warning> {
+        (self.triangles > self.target_triangles).then(|| {
+            Warning::new(
+                "triangles_above_target",
+                format!(
+                    "{} triangles are left for the {} of surface.target_triangles: fewer would move the surface by \
+                     more than {:.4}, which is what its points support, or fold it; take these, or simplify the \
+                     mesh with another program",
+                    self.triangles, self.target_triangles, self.error_bound
+                ),
+            )
+        })
+    }
+
+    /// What was done, in words.
+    pub(super) fn summary(&self) -> String {
+        format!(
+            "simplified from {} triangles, which moved the surface by {:.4} at most",
+            self.triangles_before, self.error
+        )
     }
 }

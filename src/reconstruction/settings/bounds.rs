@@ -53,6 +53,7 @@ pub const BOUNDS: &[Bound] = &[
     bound("/surface/steps_per_spacing", 0.0, 100.0),
     bound("/surface/padding", 0.0, 1.0),
     bound("/surface/projection_steps", 0.0, 10.0),
+    bound("/surface/target_triangles", 0.0, 4e7),
 ];
 
 /// The allowed names of a parameter that is no number.

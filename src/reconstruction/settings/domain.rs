@@ -157,7 +157,7 @@ mod tests {
             (
                 json!({"surface": 7}),
                 "is 7, must be an object with some of: components, evaluation, open, padding, \
-                 projection_steps, resolution, steps_per_spacing"
+                 projection_steps, resolution, steps_per_spacing, target_triangles"
                     .to_owned(),
             ),
             (

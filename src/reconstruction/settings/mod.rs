@@ -333,6 +333,10 @@ pub struct Surface {
     /// What becomes of the surface where no points are near.
     #[serde(default)]
     pub open: Open,
+    /// Number of triangles that the mesh is simplified to, at the end. More are left where fewer would move the
+    /// surface by more than a twentieth of the spacing of the points and a quarter of their noise. 0: all.
+    #[serde(default)]
+    pub target_triangles: usize,
 }
 
 #[cfg(test)]
@@ -344,6 +348,15 @@ mod tests {
         let mut stored = serde_json::to_value(Preset::Fine.settings()).unwrap();
         let surface = stored["surface"].as_object_mut().unwrap();
         assert_eq!(surface.remove("open"), Some("closed".into()));
+        let settings: Settings = serde_json::from_value(stored).unwrap();
+        assert_eq!(settings, Preset::Fine.settings());
+    }
+
+    #[test]
+    fn settings_from_before_simplification_keep_all_triangles() {
+        let mut stored = serde_json::to_value(Preset::Fine.settings()).unwrap();
+        let surface = stored["surface"].as_object_mut().unwrap();
+        assert_eq!(surface.remove("target_triangles"), Some(0.into()));
         let settings: Settings = serde_json::from_value(stored).unwrap();
         assert_eq!(settings, Preset::Fine.settings());
     }

@@ -139,6 +139,7 @@ fn balanced() -> Settings {
             projection_steps: 2,
             components: Components::Supported,
             open: Open::Closed,
+            target_triangles: 0,
         },
     }
 }

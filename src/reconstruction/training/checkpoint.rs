@@ -52,14 +52,16 @@ impl Identity {
     }
 }
 
-/// The settings as JSON, without `surface.open`, which training does not depend on, and without the settings of
-/// blocks where there are none: checkpoints that are older than these stay good.
+/// The settings as JSON, without `surface.open` and `surface.target_triangles`, which training does not depend on,
+/// and without the settings of blocks where there are none: checkpoints that are older than these stay good.
 fn trained_settings(settings: &Settings) -> String {
     let json =
         |value: serde_json::Result<String>| value.expect("settings are plain numbers and names");
     let open = json(serde_json::to_string(&settings.surface.open));
-    let mut text =
-        json(serde_json::to_string(settings)).replacen(&format!(",\"open\":{open}"), "", 1);
+    let triangles = settings.surface.target_triangles;
+    let mut text = json(serde_json::to_string(settings))
+        .replacen(&format!(",\"open\":{open}"), "", 1)
+        .replacen(&format!(",\"target_triangles\":{triangles}"), "", 1);
     if settings.network.block_points == 0 {
         for (name, value) in [
             ("block_points", 0),

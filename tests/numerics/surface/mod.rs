@@ -2,6 +2,7 @@
 
 mod closed;
 mod fields;
+mod simplify;
 pub(crate) mod trim;
 
 use std::cell::Cell;
@@ -38,12 +39,9 @@ fn dense(request: Request<'_>) -> Request<'_> {
 
 /// Root mean square of a distance over the vertices.
 fn rms(extraction: &Extraction, distance: impl Fn(Vec3) -> f64) -> f64 {
-    let squares = extraction
-        .mesh
-        .vertices
-        .iter()
-        .map(|v| distance(*v).powi(2));
-    (squares.sum::<f64>() / extraction.mesh.vertices.len() as f64).sqrt()
+    let vertices = &extraction.mesh.vertices;
+    let squares = vertices.iter().map(|v| distance(*v).powi(2));
+    (squares.sum::<f64>() / vertices.len() as f64).sqrt()
 }
 
 /// Orders of an error between successive resolutions.

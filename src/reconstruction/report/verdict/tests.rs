@@ -69,6 +69,7 @@ fn surface(unsupported_area_percent: f64) -> SurfaceReport {
         support_distance: 3.0 * SPACING,
         unsupported_area_percent,
         trimmed_area_percent: 0.0,
+        simplification: None,
     }
 }
 
