@@ -116,8 +116,8 @@ impl Term for Transposed {
     #[inline(always)]
     fn add<S: Simd>(simd: S, pair: &Pair<S>, m: [S::f32s; 3], sum: &mut [S::f32s; 3]) {
         let weight = simd.mul_f32s(m[0], pair.kernel);
-        for axis in 0..3 {
-            sum[axis] = simd.sub_f32s(sum[axis], simd.mul_f32s(weight, pair.away[axis]));
+        for (axis, sum) in sum.iter_mut().enumerate() {
+            *sum = simd.sub_f32s(*sum, simd.mul_f32s(weight, pair.away[axis]));
         }
     }
 }
@@ -133,9 +133,9 @@ impl Term for Downhill {
         // Within the width the kernel is linear and has no radial part.
         let outside = simd.less_than_f32s(pair.bound, pair.square);
         let radial = simd.select_f32s(outside, radial, simd.splat_f32s(0.0));
-        for axis in 0..3 {
+        for (axis, sum) in sum.iter_mut().enumerate() {
             let part = simd.sub_f32s(m[axis], simd.mul_f32s(radial, pair.away[axis]));
-            sum[axis] = simd.mul_add_e_f32s(pair.kernel, part, sum[axis]);
+            *sum = simd.mul_add_e_f32s(pair.kernel, part, *sum);
         }
     }
 }

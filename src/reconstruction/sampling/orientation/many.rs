@@ -92,9 +92,7 @@ impl<'a> Many<'a> {
         contradiction(Oriented {
             points: self.points,
             normals,
-            areas: &self
-                .neighbours
-                .areas(self.points, normals, &self.spacings),
+            areas: &self.neighbours.areas(self.points, normals, &self.spacings),
             spacings: &self.spacings,
         })
         .closed
