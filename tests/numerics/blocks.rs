@@ -52,7 +52,8 @@ fn blocks_keep_detail_that_one_network_loses() {
     let one = run(&cloud, &one);
     assert_eq!(one.report.blocks, None);
     let blocks = many.report.blocks.unwrap();
-    assert!((20..80).contains(&blocks.count), "{blocks:?}");
+    let most = settings().network.block_points;
+    assert_eq!(blocks.count, many.report.samples.surface.div_ceil(most));
     assert!(
         error(&many) < 0.3 * error(&one),
         "{} {}",

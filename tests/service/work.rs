@@ -107,8 +107,10 @@ async fn cancelled_work_ends_soon_in_training_and_in_surface() {
     let training = json!({"training": {
         "max_evaluations": 1_000_000, "max_iterations": 1_000_000, "patience": 0,
         "tolerance_gradient": 0.0, "tolerance_change": 0.0,
+    }, "network": {"block_points": 0}});
+    let surface = json!({"surface": {
+        "resolution": 500, "evaluation": "dense", "steps_per_spacing": 0,
     }});
-    let surface = json!({"surface": {"resolution": 500, "evaluation": "dense"}});
     for (settings, phase) in [(training, Phase::Training), (surface, Phase::Surface)] {
         let id = folder.submit(settings).await;
         let there = |job: &meshway::jobs::Job| job.phase == Some(phase) || job.status.is_final();

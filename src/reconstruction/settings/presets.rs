@@ -92,7 +92,7 @@ fn balanced() -> Settings {
             members: 6,
             member_width: 16,
             hidden_layers: 5,
-            block_points: 300,
+            block_points: 110,
             block_width: 24,
             block_layers: 3,
             residual_every: 2,
