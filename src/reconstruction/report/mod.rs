@@ -24,7 +24,7 @@ pub(super) use stopwatch::Stopwatch;
 pub use surface::{Simplification, SurfaceReport};
 pub use verdict::Verdict;
 
-use evidence::Evidence;
+use evidence::{Evidence, Measured};
 
 /// Percent of the area without points below which the summary is silent about it.
 const NEGLIGIBLE_PERCENT: f64 = 1.0;
@@ -244,32 +244,28 @@ impl Report {
             mesh,
             ..
         } = *subject;
-        let points =
-            |indices: &[usize]| -> Vec<Vec3> { indices.iter().map(|&i| cloud.points[i]).collect() };
-        let (described, judge) = rayon::join(
-            || quality::describe(mesh),
-            || Judge::new(mesh, settings.training.seed),
-        );
+        let trained_on = prepared.surface.len();
+        let used = [prepared.surface.as_slice(), &prepared.held_out].concat();
+        let points: Vec<Vec3> = used.iter().map(|&i| cloud.points[i]).collect();
+        let described = quality::describe(mesh);
+        let judge = Judge::new(mesh, &points, settings.training.seed);
         let surface_points: Vec<Vec3> = prepared.measured(cloud).collect();
-        let compare = |indices| {
-            judge
-                .as_ref()
-                .and_then(|judge| judge.compare(&points(indices), &surface_points))
-        };
-        let trained_on = &prepared.surface;
+        let compare = |those| judge.as_ref()?.compare(those, &surface_points);
         let normal_agreement = cloud.normals.as_ref().and_then(|normals| {
-            let normals: Vec<Vec3> = trained_on.iter().map(|&i| normals[i]).collect();
-            judge
-                .as_ref()?
-                .normal_agreement(&points(trained_on), &normals)
+            let normals: Vec<Vec3> = prepared.surface.iter().map(|&i| normals[i]).collect();
+            judge.as_ref()?.normal_agreement(&normals)
         });
         let mut warnings = prepared.warnings.clone();
         warnings.extend(surface.warnings());
         let cloud_report = CloudReport::new(prepared);
-        let used = [trained_on.as_slice(), prepared.held_out.as_slice()].concat();
+        let closest = judge.as_ref().map_or(&[][..], Judge::closest);
         let (verdict, verdict_reasons) = verdict::judge(&Evidence::new(
             (mesh, &described),
-            (&points(&used), trained_on.len()),
+            Measured {
+                points: &points,
+                closest,
+                trained: trained_on,
+            },
             &cloud_report,
             &surface,
         ));
@@ -289,8 +285,8 @@ impl Report {
             training,
             surface,
             mesh: described,
-            distances: compare(trained_on),
-            validation_distances: compare(&prepared.held_out),
+            distances: compare(0..trained_on),
+            validation_distances: compare(trained_on..points.len()),
             field_at_points: FieldAtPoints::measure(subject)?,
             normal_agreement,
             seconds: Seconds::default(),
