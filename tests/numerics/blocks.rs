@@ -17,7 +17,7 @@ fn radius([x, y, z]: Vec3) -> f64 {
 }
 
 /// A ball with some hundred bumps.
-fn bumpy(points: usize) -> PointCloud {
+pub(crate) fn bumpy(points: usize) -> PointCloud {
     let directions = spiral(points).into_iter();
     bare(directions.map(|d| scale(d, radius(d))).collect())
 }
@@ -28,7 +28,7 @@ fn settings() -> Settings {
     settings
 }
 
-fn run(cloud: &PointCloud, settings: &Settings) -> Reconstruction {
+pub(crate) fn run(cloud: &PointCloud, settings: &Settings) -> Reconstruction {
     tch::set_num_threads(1);
     reconstruct(cloud, settings, &Silent).unwrap()
 }

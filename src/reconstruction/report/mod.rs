@@ -12,6 +12,7 @@ use crate::reconstruction::error::Error;
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::network::Ensemble;
 use crate::reconstruction::observer::Warning;
+use crate::reconstruction::plan::Plan;
 use crate::reconstruction::quality::{self, Comparison, Judge, MeshReport};
 use crate::reconstruction::sampling::{Counts, NormalSource, Prepared};
 use crate::reconstruction::settings::Settings;
@@ -132,15 +133,15 @@ pub struct CloudReport {
 }
 
 impl CloudReport {
-    fn new(prepared: &Prepared) -> Self {
+    fn new(prepared: &Prepared, plan: &Plan<'_>) -> Self {
         let to_world = |length| prepared.frame.length_to_world(length);
         Self {
             spacing: to_world(prepared.spacing),
-            noise: prepared.noise.map(to_world),
+            noise: prepared.noise().map(to_world),
             orientation_confidence: prepared.orientation_confidence,
             anisotropy: prepared.anisotropy,
             area: prepared.area.map(|area| area * to_world(1.0).powi(2)),
-            weight_decay: prepared.weight_decay,
+            weight_decay: plan.weight_decay,
         }
     }
 }
@@ -215,10 +216,9 @@ pub struct Report {
 /// What a report is about.
 pub(super) struct Subject<'a> {
     pub(super) cloud: &'a PointCloud,
-    pub(super) settings: &'a Settings,
+    pub(super) plan: &'a Plan<'a>,
     pub(super) prepared: &'a Prepared,
     pub(super) mesh: &'a TriangleMesh,
-    pub(super) ensemble: &'a Ensemble,
     pub(super) blocks: Option<BlocksReport>,
     pub(super) field: &'a dyn Field,
     pub(super) engine: &'static str,
@@ -239,11 +239,12 @@ impl Report {
     ) -> Result<Self, Error> {
         let Subject {
             cloud,
-            settings,
+            plan,
             prepared,
             mesh,
             ..
         } = *subject;
+        let settings = plan.settings;
         let points =
             |indices: &[usize]| -> Vec<Vec3> { indices.iter().map(|&i| cloud.points[i]).collect() };
         let (described, judge) = rayon::join(
@@ -265,7 +266,7 @@ impl Report {
         });
         let mut warnings = prepared.warnings.clone();
         warnings.extend(surface.warnings());
-        let cloud_report = CloudReport::new(prepared);
+        let cloud_report = CloudReport::new(prepared, plan);
         let used = [trained_on.as_slice(), prepared.held_out.as_slice()].concat();
         let (verdict, verdict_reasons) = verdict::judge(&Evidence::new(
             (mesh, &described),
@@ -279,7 +280,7 @@ impl Report {
             versions: Versions::current(),
             inputs: Vec::new(),
             settings: settings.clone(),
-            network: NetworkReport::new(subject.ensemble),
+            network: NetworkReport::new(&plan.ensemble),
             blocks: subject.blocks,
             engine: subject.engine,
             threads: rayon::current_num_threads(),
