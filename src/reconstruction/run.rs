@@ -113,7 +113,9 @@ fn run<T: Scalar>(
         plan: &plan,
         prepared: &prepared,
         mesh: &mesh,
-        blocks: refined.as_ref().map(Refined::report),
+        blocks: refined
+            .as_ref()
+            .map(|refined| refined.report(&prepared.frame)),
         field: field.as_ref(),
         engine: engine.name(),
     };

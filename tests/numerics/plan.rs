@@ -63,7 +63,7 @@ fn an_estimate_has_the_counts_of_the_run() {
         let made = run(cloud, &settings);
         let report = &made.report;
         let cost = Cost::estimated(&settings, &cloud.counts(), 2);
-        let blocks = report.blocks.map(|blocks| blocks.count as u64);
+        let blocks = report.blocks.as_ref().map(|blocks| blocks.count as u64);
         assert_eq!(blocks.is_some(), has_blocks);
         assert!(
             blocks.is_none_or(|blocks| blocks == cost.blocks),

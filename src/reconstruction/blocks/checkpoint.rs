@@ -9,7 +9,7 @@ use crate::reconstruction::network::Scalar;
 use crate::reconstruction::training::{Identity, Trained, seal, unseal};
 
 /// Changes with the state or with what a block is.
-const MAGIC: &[u8; 8] = b"MWBLOCK1";
+const MAGIC: &[u8; 8] = b"MWBLOCK2";
 
 /// The coarse network, and the blocks that are done; none at the start.
 pub(in crate::reconstruction) struct State<T> {

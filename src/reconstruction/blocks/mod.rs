@@ -11,20 +11,23 @@ mod lookup;
 mod model;
 mod partition;
 mod samples;
+mod series;
 
 use super::error::Error;
 use super::network::{Engine, Scalar, sequential_engine};
 use super::observer::{Event, Observer};
 use super::plan::{BlockPlan, Plan};
 use super::random::{Purpose, stream};
-use super::report::BlocksReport;
+use super::report::{BlocksReport, EachBlock};
 use super::sampling::neighbours::median;
 use super::sampling::selection::{Split, pick};
-use super::sampling::{Prepared, Samples, Scan};
+use super::sampling::{Frame, Prepared, Samples, Scan};
 use super::surface::Field;
 use super::vector::{Vec3, norm};
 use fit::{Done, Fitted, Task};
-use samples::Places;
+use lookup::Lookup;
+use samples::{Places, members};
+use series::Series;
 
 pub use block::Block;
 use field::BlockField;
@@ -90,7 +93,11 @@ pub(super) fn refine<T: Scalar>(
     let given = labelled(prepared, scan);
     let mut random = stream(settings.training.seed, Purpose::Blocks);
     let places = Places::new(&blocks, surface, fitted, &given, &mut random);
+    let held_out = pick(&surface.points, &split.held_out);
+    let lookup = Lookup::new(blocks.iter().map(|block| block.reach).collect());
     let task = Task {
+        held_out: &held_out,
+        held_out_of: &members(&lookup, blocks.len(), &held_out),
         blocks: &blocks,
         places: &places,
         plan,
@@ -98,7 +105,15 @@ pub(super) fn refine<T: Scalar>(
         uncertainty: scan.uncertainty,
     };
     let start = state.coarse.evaluations as f64 / settings.training.max_evaluations as f64;
+    let done = if state.done.len() == blocks.len() {
+        state.done.clone()
+    } else {
+        vec![None; blocks.len()]
+    };
+    let mut series = Series::new(&state.coarse, &done);
     let mut told = |done: &Done<T>, stopped: bool| {
+        // Before the checkpoint, which says that they were told.
+        series.tell(done, observer);
         let share = done.iter().flatten().count() as f64 / done.len() as f64;
         observer.event(Event::Progress(start + (1.0 - start) * share));
         if observer.checkpoint_due() || stopped && observer.released() {
@@ -107,11 +122,6 @@ pub(super) fn refine<T: Scalar>(
                 data: &state.encode(done),
             });
         }
-    };
-    let done = if state.done.len() == blocks.len() {
-        state.done.clone()
-    } else {
-        vec![None; blocks.len()]
     };
     let done = fit::fit(&task, done, observer, &mut told)?;
     prepared.spacing = median(&mut spacings);
@@ -161,7 +171,7 @@ impl<T: Scalar> Refined<T> {
     }
 
     /// What the report says of them.
-    pub(super) fn report(&self) -> BlocksReport {
+    pub(super) fn report(&self, frame: &Frame) -> BlocksReport {
         let count = self.fitted.len();
         let sum = |value: &dyn Fn(&Fitted<T>) -> f64| self.fitted.iter().map(value).sum::<f64>();
         let architecture = self.engine.architecture();
@@ -172,7 +182,24 @@ impl<T: Scalar> Refined<T> {
             parameters: count * architecture.parameter_count(),
             evaluations: self.fitted.iter().map(|fitted| fitted.evaluations).sum(),
             loss: sum(&|fitted| fitted.loss) / count.max(1) as f64,
+            each: self.each(frame),
         }
+    }
+
+    /// What the report says of each, in units of the input.
+    fn each(&self, frame: &Frame) -> EachBlock {
+        let mut each = EachBlock::default();
+        for (block, fitted) in self.blocks.iter().zip(&self.fitted) {
+            let length = |f: f64| frame.length_to_world(f * block.band);
+            each.points.push(fitted.points);
+            each.evaluations.push(fitted.evaluations);
+            each.first_loss.push(fitted.first_loss);
+            each.loss.push(fitted.loss);
+            each.held_out_error
+                .push(fitted.held_out.map(|square| length(square.sqrt())));
+            each.termination.push(fitted.termination);
+        }
+        each
     }
 
     /// What is kept of the blocks.

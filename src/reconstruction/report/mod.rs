@@ -1,5 +1,6 @@
 //! The report of a run: its quality, and the record that makes it again.
 
+mod blocks;
 mod evidence;
 mod stopwatch;
 mod surface;
@@ -20,6 +21,7 @@ use crate::reconstruction::surface::Field;
 use crate::reconstruction::training::{Termination, Trained};
 use crate::reconstruction::vector::Vec3;
 
+pub use blocks::{BlocksReport, EachBlock};
 pub use stopwatch::Seconds;
 pub(super) use stopwatch::Stopwatch;
 pub use surface::{Simplification, SurfaceReport};
@@ -82,23 +84,6 @@ pub struct NetworkReport {
     pub width: usize,
     /// Trained numbers in all.
     pub parameters: usize,
-}
-
-/// The networks of blocks.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct BlocksReport {
-    /// How many there are.
-    pub count: usize,
-    /// Neurons of each of their hidden layers.
-    pub width: usize,
-    /// Their hidden layers.
-    pub hidden_layers: usize,
-    /// Trained numbers of all of them.
-    pub parameters: usize,
-    /// Evaluations of loss and gradient of all of them.
-    pub evaluations: u64,
-    /// Mean of their losses, each over the samples of its block.
-    pub loss: f64,
 }
 
 impl NetworkReport {
@@ -281,7 +266,7 @@ impl Report {
             inputs: Vec::new(),
             settings: settings.clone(),
             network: NetworkReport::new(&plan.ensemble),
-            blocks: subject.blocks,
+            blocks: subject.blocks.clone(),
             engine: subject.engine,
             threads: rayon::current_num_threads(),
             normals: prepared.normals,
