@@ -269,7 +269,7 @@ fn csv(out: &mut dyn Write, metrics: &[Metrics]) -> io::Result<()> {
     for layer in 0..layers {
         write!(out, ",weight_norm_{layer}")?;
     }
-    writeln!(out)?;
+    writeln!(out, ",blocks")?;
     for m in metrics {
         let validation = m
             .validation_loss
@@ -280,10 +280,13 @@ fn csv(out: &mut dyn Write, metrics: &[Metrics]) -> io::Result<()> {
             "{},{},{},{validation},{},{}",
             m.iteration, m.evaluation, m.loss, m.gradient_norm, m.step_length
         )?;
-        for norm in &m.weight_norms {
-            write!(out, ",{norm}")?;
+        // Rows of blocks have no norms.
+        for layer in 0..layers {
+            let norm = m.weight_norms.get(layer).map(f64::to_string);
+            write!(out, ",{}", norm.unwrap_or_default())?;
         }
-        writeln!(out)?;
+        let blocks = m.blocks.map(|count| count.to_string());
+        writeln!(out, ",{}", blocks.unwrap_or_default())?;
     }
     Ok(())
 }

@@ -18,7 +18,7 @@ use super::error::{ApiError, Code, Result};
 use super::spool::MAX_EXPANSION;
 use super::state::PARSED_KIB;
 use super::upload::{Upload, blocking};
-use crate::reconstruction::cloud::{self, Format, Label};
+use crate::reconstruction::cloud::{self, Format};
 
 /// Largest file that is read in this process. The allocator keeps what reading took, once for each
 /// of its arenas: with larger files, many uploads at once would leave hundreds of megabytes.
@@ -51,22 +51,11 @@ pub struct Summary {
     /// Whether they have normals.
     pub normals: bool,
     /// Number of points by label; those without one lie on the surface.
-    pub labels: Labels,
+    pub labels: cloud::Counts,
     /// Points that were left out because a coordinate is not finite.
     pub dropped_non_finite: u64,
     /// What the user should know: objects with `code` and `message`.
     pub warnings: Vec<Value>,
-}
-
-/// Number of points by label.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Labels {
-    /// On the surface.
-    pub surface: u64,
-    /// Inside.
-    pub interior: u64,
-    /// Outside.
-    pub exterior: u64,
 }
 
 /// Reads and checks a file.
@@ -81,18 +70,13 @@ pub fn inspect(
     let name = hint.map(|format| format!("cloud.{}", format.name()));
     let (cloud, source) = cloud::read(bytes, name.as_deref(), limits)?;
     cloud.validate()?;
-    let count = |label| cloud.indices(label).count() as u64;
     Ok(Summary {
         format: source.format,
         gzipped: source.gzipped,
         points: cloud.points.len() as u64,
         bounds: cloud.bounds().ok_or(cloud::Error::Empty)?,
         normals: cloud.normals.is_some(),
-        labels: Labels {
-            surface: count(Label::Surface),
-            interior: count(Label::Interior),
-            exterior: count(Label::Exterior),
-        },
+        labels: cloud.counts(),
         dropped_non_finite: source.dropped_non_finite as u64,
         warnings: source
             .warnings

@@ -11,7 +11,6 @@ mod disk;
 mod docs;
 mod download;
 pub mod error;
-mod estimate;
 mod events;
 mod extract;
 mod feed;
