@@ -160,8 +160,10 @@ pub(super) async fn metrics(State(app): State<AppState>, headers: HeaderMap) -> 
     let registry = app.telemetry.registry.lock();
     let registry = registry.unwrap_or_else(std::sync::PoisonError::into_inner);
     prometheus_client::encoding::text::encode(&mut text, &registry).map_err(ApiError::internal)?;
-    const OPEN: &str = "application/openmetrics-text";
-    let offers = [(OPEN, true), ("text/plain", false)];
+    let offers = [
+        ("application/openmetrics-text", true),
+        ("text/plain", false),
+    ];
     let open = preferred(&headers, &offers).unwrap_or(true);
     let media_type = HeaderValue::from_static(if open {
         "application/openmetrics-text; version=1.0.0; charset=utf-8"
@@ -174,7 +176,7 @@ pub(super) async fn metrics(State(app): State<AppState>, headers: HeaderMap) -> 
     ))
 }
 
-/// OpenMetrics in the older text format: names of counters and of what is told of the build have
+/// `OpenMetrics` in the older text format: names of counters and of what is told of the build have
 /// their endings everywhere, and there is no type `info`, no unit and no end.
 fn plain_metrics(open: &str) -> String {
     let mut plain = String::with_capacity(open.len());
@@ -191,9 +193,9 @@ fn plain_metrics(open: &str) -> String {
                     kind => ("", kind),
                 };
                 if let Some((_, text)) = help.take().filter(|(of, _)| of == name) {
-                    plain += &format!("# HELP {name}{ending} {text}\n");
+                    plain.extend(["# HELP ", name, ending, " ", text, "\n"]);
                 }
-                plain += &format!("# TYPE {name}{ending} {kind}\n");
+                plain.extend(["# TYPE ", name, ending, " ", kind, "\n"]);
             }
             ["#", ..] => {}
             _ => {
