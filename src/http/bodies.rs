@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::{Bytes, BytesMut};
+use futures_util::StreamExt;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::{Instant, timeout};
 
@@ -129,7 +130,8 @@ pub(super) fn held(answer: Bytes, place: OwnedSemaphorePermit) -> axum::body::Bo
         let piece = (!piece.is_empty()).then_some(Ok::<_, std::convert::Infallible>(piece));
         piece.map(|piece| (piece, (rest, place)))
     });
-    axum::body::Body::from_stream(pieces)
+    // Compression asks once more after the end.
+    axum::body::Body::from_stream(pieces.fuse())
 }
 
 /// How a body comes: it may not stand still, nor trickle for ever. Only waiting counts.

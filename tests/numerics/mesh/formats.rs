@@ -59,7 +59,13 @@ fn every_format_gives_the_positions_back_to_the_last_bit_of_an_f32() {
                     as_f32(&mesh.vertices),
                     "{format:?}"
                 );
-                assert_eq!(as_f32(&again.normals), as_f32(&mesh.normals), "{format:?}");
+                // OFF that has normals is another format to many readers.
+                let normals = if format == Format::Off {
+                    Vec::new()
+                } else {
+                    as_f32(&mesh.normals)
+                };
+                assert_eq!(as_f32(&again.normals), normals, "{format:?}");
                 assert_eq!(again.triangles, mesh.triangles);
             }
         }
@@ -102,7 +108,14 @@ fn ply_keeps_the_distances_to_the_points_and_other_formats_do_without() {
         let mut mesh = without.clone();
         mesh.distance_to_points = (0..mesh.vertices.len()).map(|i| i as f64 / 3.0).collect();
         for format in READABLE {
-            let bytes = written(&mesh, format);
+            let mut bytes = Vec::new();
+            let done = write(&mesh, format, &mut bytes);
+            if format == Format::Stl && done.is_err() {
+                // Its 32 bits cannot tell the vertices apart so far from the origin.
+                assert!(mesh.vertices[0][0] > 1e5);
+                continue;
+            }
+            done.unwrap();
             if !matches!(format, Format::PlyBinary | Format::PlyAscii) {
                 assert_eq!(bytes, written(&without, format), "{format:?}");
                 continue;
