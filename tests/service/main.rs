@@ -1,6 +1,7 @@
 //! Tests of the service. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod clock;
 mod data_folder;
 mod erasure;
 mod faults;

@@ -1,5 +1,8 @@
 //! The life of a job: every legal way, and the refusal of every other.
 
+use std::collections::BTreeSet;
+use std::time::Duration;
+
 use meshway::jobs::{
     Claim, CloudDeletion, Error, FailureReason, Lease, Lookup, NewEvent, NewMesh, Problem, Record,
     Status, Store,
@@ -44,7 +47,14 @@ async fn a_job_goes_from_the_queue_to_its_mesh() {
     let held = Lease::Held {
         cancel_requested: false,
     };
-    assert_eq!(bench.store.renew(&claim, LEASE_MS).await.unwrap(), held);
+    assert_eq!(
+        bench
+            .store
+            .renew(&claim, LEASE_MS, Duration::ZERO)
+            .await
+            .unwrap(),
+        held
+    );
     let record = Record {
         progress: Some(0.5),
         eta_seconds: Some(3.0),
@@ -125,7 +135,10 @@ async fn assert_writes_nothing(store: &Store, claim: &Claim) {
             "write {number}: {outcome:?}"
         );
     }
-    assert_eq!(store.renew(claim, LEASE_MS).await.unwrap(), Lease::Lost);
+    assert_eq!(
+        store.renew(claim, LEASE_MS, Duration::ZERO).await.unwrap(),
+        Lease::Lost
+    );
 }
 
 #[tokio::test]
@@ -180,7 +193,14 @@ async fn final_states_are_final() {
             "a lost race is no error and changes nothing"
         );
         bench.pass(10 * LEASE_MS);
-        assert!(bench.store.reap_expired().await.unwrap().is_empty());
+        assert!(
+            bench
+                .store
+                .reap_expired(BTreeSet::new())
+                .await
+                .unwrap()
+                .is_empty()
+        );
         assert_eq!(bench.store.claim("w", LEASE_MS).await.unwrap(), None);
         assert_eq!(bench.job(&id).await, job);
     }
@@ -219,7 +239,14 @@ async fn a_queued_job_is_cancelled_at_once_and_a_running_one_by_its_worker() {
     let held = Lease::Held {
         cancel_requested: true,
     };
-    assert_eq!(bench.store.renew(&claim, LEASE_MS).await.unwrap(), held);
+    assert_eq!(
+        bench
+            .store
+            .renew(&claim, LEASE_MS, Duration::ZERO)
+            .await
+            .unwrap(),
+        held
+    );
     bench.store.cancelled(&claim).await.unwrap();
     assert_eq!(bench.job(&running).await.status, Status::Cancelled);
 }
@@ -237,7 +264,7 @@ async fn a_job_that_shall_end_does_not_wait_again() {
             _ => {
                 bench.pass(LEASE_MS + 1);
                 assert_eq!(
-                    bench.store.reap_expired().await.unwrap(),
+                    bench.store.reap_expired(BTreeSet::new()).await.unwrap(),
                     std::slice::from_ref(&id)
                 );
             }
@@ -266,12 +293,17 @@ async fn the_third_failed_attempt_is_the_last_and_a_release_counts_for_none() {
     bench.claim().await;
     bench.pass(LEASE_MS);
     assert!(
-        bench.store.reap_expired().await.unwrap().is_empty(),
+        bench
+            .store
+            .reap_expired(BTreeSet::new())
+            .await
+            .unwrap()
+            .is_empty(),
         "its last millisecond"
     );
     bench.pass(1);
     assert_eq!(
-        bench.store.reap_expired().await.unwrap(),
+        bench.store.reap_expired(BTreeSet::new()).await.unwrap(),
         std::slice::from_ref(&id)
     );
     assert_eq!(

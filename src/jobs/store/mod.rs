@@ -231,6 +231,7 @@ async fn migrate(db: &mut SqliteConnection) -> Result<()> {
             "jobs_by_verdict",
             include_str!("../../../migrations/0004_jobs_by_verdict.sql"),
         ),
+        ("work", include_str!("../../../migrations/0005_work.sql")),
     ];
     let migrator = Migrator::with_migrations(
         (1..)
