@@ -91,9 +91,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 async fn work_on(arguments: &Arguments, work: Arc<Work>) -> Result<End, Failure> {
     let stopping = CancellationToken::new();
     let wake = listen(&stopping)?;
+    let name = worker_name(arguments.slot, std::process::id());
     let options = store::Options {
         events_limit: i64::from(arguments.max_events),
         metrics_limit: i64::from(arguments.max_metrics),
+        process: name.clone(),
         ..store::Options::default()
     };
     let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
@@ -104,7 +106,7 @@ async fn work_on(arguments: &Arguments, work: Arc<Work>) -> Result<End, Failure>
         store: store.clone(),
         work,
         options: Options {
-            name: worker_name(arguments.slot, std::process::id()),
+            name,
             data_dir: arguments.data_dir.clone(),
             time_limit: Duration::from_secs(arguments.job_time_limit_seconds.into()),
             checkpoint_interval: Duration::from_secs(arguments.checkpoint_seconds.into()),

@@ -4,6 +4,7 @@
 mod clock;
 mod data_folder;
 mod erasure;
+mod erasure_kinds;
 mod faults;
 mod format_jobs;
 mod full_disk;
@@ -30,6 +31,8 @@ mod store_content;
 mod store_life;
 mod store_machine;
 mod store_migrations;
+mod store_moving;
+mod store_objects;
 mod store_support;
 mod store_writer;
 mod wire;

@@ -20,7 +20,7 @@ async fn an_attempt_tells_why_the_one_before_it_ended() {
     bench.store.release(&bench.claim().await).await.unwrap();
     bench.claim().await;
     bench.pass(LEASE_MS + 1);
-    bench.store.reap_expired(BTreeSet::new()).await.unwrap();
+    bench.reap().await;
     bench.claim().await;
     let events = bench.events(&id).await;
     let started = events.iter().filter(|e| e.event == "job.attempt_started");
@@ -42,7 +42,7 @@ async fn the_work_of_all_attempts_is_counted_by_the_workers_and_not_by_the_time_
     renew(&first, 1_000).await;
     // Dead for a day before anybody saw it.
     bench.pass(86_400_000);
-    bench.store.reap_expired(BTreeSet::new()).await.unwrap();
+    bench.reap().await;
     let second = bench.claim().await;
     assert_eq!(second.worked.as_millis(), 1_000);
     // The clock is set back by an hour, and forward by two.
@@ -75,6 +75,6 @@ async fn a_lease_that_the_clock_left_far_ahead_is_cut() {
     bench.pass(-3_600_000);
     assert_eq!(bench.store.cut_leases(LEASE_MS).await.unwrap(), 1);
     bench.pass(LEASE_MS + 1);
-    let reaped = bench.store.reap_expired(BTreeSet::new()).await.unwrap();
+    let reaped = bench.reap().await;
     assert_eq!(reaped, [id]);
 }

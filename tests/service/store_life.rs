@@ -1,6 +1,5 @@
 //! The life of a job: every legal way, and the refusal of every other.
 
-use std::collections::BTreeSet;
 use std::time::Duration;
 
 use meshway::jobs::{
@@ -47,14 +46,7 @@ async fn a_job_goes_from_the_queue_to_its_mesh() {
     let held = Lease::Held {
         cancel_requested: false,
     };
-    assert_eq!(
-        bench
-            .store
-            .renew(&claim, LEASE_MS, Duration::ZERO)
-            .await
-            .unwrap(),
-        held
-    );
+    assert_eq!(bench.renew(&claim).await, held);
     let record = Record {
         progress: Some(0.5),
         eta_seconds: Some(3.0),
@@ -193,14 +185,7 @@ async fn final_states_are_final() {
             "a lost race is no error and changes nothing"
         );
         bench.pass(10 * LEASE_MS);
-        assert!(
-            bench
-                .store
-                .reap_expired(BTreeSet::new())
-                .await
-                .unwrap()
-                .is_empty()
-        );
+        assert!(bench.reap().await.is_empty());
         assert_eq!(bench.store.claim("w", LEASE_MS).await.unwrap(), None);
         assert_eq!(bench.job(&id).await, job);
     }
@@ -239,14 +224,7 @@ async fn a_queued_job_is_cancelled_at_once_and_a_running_one_by_its_worker() {
     let held = Lease::Held {
         cancel_requested: true,
     };
-    assert_eq!(
-        bench
-            .store
-            .renew(&claim, LEASE_MS, Duration::ZERO)
-            .await
-            .unwrap(),
-        held
-    );
+    assert_eq!(bench.renew(&claim).await, held);
     bench.store.cancelled(&claim).await.unwrap();
     assert_eq!(bench.job(&running).await.status, Status::Cancelled);
 }
@@ -263,10 +241,7 @@ async fn a_job_that_shall_end_does_not_wait_again() {
             1 => drop(bench.store.attempt_failed(&id, 1, crash()).await.unwrap()),
             _ => {
                 bench.pass(LEASE_MS + 1);
-                assert_eq!(
-                    bench.store.reap_expired(BTreeSet::new()).await.unwrap(),
-                    std::slice::from_ref(&id)
-                );
+                assert_eq!(bench.reap().await, std::slice::from_ref(&id));
             }
         }
         assert_eq!(bench.job(&id).await.status, Status::Cancelled);
@@ -292,20 +267,9 @@ async fn the_third_failed_attempt_is_the_last_and_a_release_counts_for_none() {
 
     bench.claim().await;
     bench.pass(LEASE_MS);
-    assert!(
-        bench
-            .store
-            .reap_expired(BTreeSet::new())
-            .await
-            .unwrap()
-            .is_empty(),
-        "its last millisecond"
-    );
+    assert!(bench.reap().await.is_empty(), "its last millisecond");
     bench.pass(1);
-    assert_eq!(
-        bench.store.reap_expired(BTreeSet::new()).await.unwrap(),
-        std::slice::from_ref(&id)
-    );
+    assert_eq!(bench.reap().await, std::slice::from_ref(&id));
     assert_eq!(
         bench.job(&id).await.failure_reason,
         Some(FailureReason::LeaseExpired)

@@ -18,8 +18,11 @@ const SECOND: [(&str, &str); 2] = [
     ),
 ];
 
-/// A database as that version made it.
-async fn database(folder: &Path) -> SqliteConnection {
+/// A database as the version with these migrations made it.
+pub(crate) async fn database(
+    folder: &Path,
+    migrations: &[(&'static str, &'static str)],
+) -> SqliteConnection {
     let mut db = SqliteConnectOptions::new()
         .filename(folder.join(DATABASE_FILE))
         .create_if_missing(true)
@@ -27,7 +30,7 @@ async fn database(folder: &Path) -> SqliteConnection {
         .connect()
         .await
         .unwrap();
-    let migrations = (1..).zip(SECOND).map(|(version, (name, sql))| {
+    let migrations = (1..).zip(migrations).map(|(version, &(name, sql))| {
         let (name, sql) = (name.into(), sql.into_sql_str());
         Migration::new(version, name, MigrationType::Simple, sql, true)
     });
@@ -53,7 +56,7 @@ async fn keep(db: &mut SqliteConnection, key: &str, scope: &str, body: Option<&s
 #[tokio::test]
 async fn answers_about_clouds_are_found_in_older_databases() {
     let folder = tempfile::tempdir().unwrap();
-    let mut db = database(folder.path()).await;
+    let mut db = database(folder.path(), &SECOND).await;
     let (here, erased) = (CloudId::new(), CloudId::new());
     sqlx::query("INSERT INTO clouds VALUES (?1, 'a', 1, 'xyz', 20, '{}', 1)")
         .bind(here.as_str())

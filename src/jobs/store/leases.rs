@@ -244,6 +244,22 @@ impl Store {
         row.as_ref().map(job_of).transpose()
     }
 
+    /// Whether the claim is still good: asked before large content is written for it.
+    ///
+    /// # Errors
+    /// `Stale` if it is not, and as every read.
+    pub(super) async fn check_held(&self, claim: &Claim) -> Result<()> {
+        let held: bool = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM jobs
+                            WHERE id = ?1 AND attempt = ?2 AND status = 'running')",
+        )
+        .bind(claim.job.id.as_str())
+        .bind(claim.attempt)
+        .fetch_one(self.readers())
+        .await?;
+        if held { Ok(()) } else { Err(Error::Stale) }
+    }
+
     async fn end(&self, claim: &Claim, outcome: Outcome) -> Result<()> {
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
         self.write(move |mut tx| {

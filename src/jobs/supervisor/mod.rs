@@ -168,6 +168,10 @@ impl Supervisor {
             tracing::warn!(worker = %name, ?reason, "a worker ended");
         }
         self.settle(&name, &reason).await;
+        // It may have died while it wrote some.
+        if let Err(error) = self.store.collect_garbage(Some(&name)).await {
+            tracing::warn!(worker = %name, error.message = %error, "content without a row stays");
+        }
     }
 
     /// Counts a failed attempt for the job that a dead worker held.
