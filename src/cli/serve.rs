@@ -20,6 +20,8 @@ use crate::jobs::{Store, Supervisor, store, supervisor};
 /// How long workers may take to give their jobs back at the end; then they are killed. With the ten
 /// seconds that requests have after that it stays below the longest end.
 const DRAIN: Duration = Duration::from_secs(17);
+/// Room on the disk for erasing: a removal writes some MiB to the logs before it gives space back.
+const BALLAST_BYTES: u64 = 8 << 20;
 /// How long the whole end may take, whatever hangs.
 const LONGEST_END: Duration = Duration::from_secs(28);
 
@@ -99,12 +101,14 @@ async fn serve(arguments: &Arguments, cores: usize) -> Result<(), Failure> {
         queue_limit: config.queue_limit.into(),
         events_limit: config.max_events.into(),
         metrics_limit: config.max_metrics.into(),
+        ballast_bytes: BALLAST_BYTES,
         ..store::Options::default()
     };
     let store = Store::open(&config.data_dir, options)
         .await
         .map_err(failed)?;
     folder.sweep(&store).await?;
+    store.collect_garbage(None).await.map_err(failed)?;
     // Keys that were in flight when the last server died; before the first request of this one.
     store.idempotency_abandon_all().await.map_err(failed)?;
     // That server may have died between an erasure and this.

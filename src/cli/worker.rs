@@ -9,16 +9,23 @@ use clap::Args;
 use rustix::process::{Signal, getpid, kill_process, nice};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
+use tokio::time::MissedTickBehavior;
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::AbortOnDropHandle;
 
 use super::{Failure, logging};
 use crate::config::LogFormat;
-use crate::jobs::worker::{End, Options, Script, Signals, Work, reconstruction, worker_name};
+use crate::jobs::worker::{
+    End, Options, SIGN_OF_LIFE, Script, Signals, Work, reconstruction, worker_name,
+};
 use crate::jobs::{JobId, Store, Worker, store};
 use crate::reconstruction::set_threads;
 
 /// Below the server, which is to answer while all cores compute.
 const NICENESS: i32 = 5;
+
+/// Time between two signs of life.
+const BEAT: Duration = Duration::from_secs(1);
 
 /// Arguments of `meshway worker`.
 #[derive(Debug, Args)]
@@ -84,9 +91,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 async fn work_on(arguments: &Arguments, work: Arc<Work>) -> Result<End, Failure> {
     let stopping = CancellationToken::new();
     let wake = listen(&stopping)?;
+    let name = worker_name(arguments.slot, std::process::id());
     let options = store::Options {
         events_limit: i64::from(arguments.max_events),
         metrics_limit: i64::from(arguments.max_metrics),
+        process: name.clone(),
         ..store::Options::default()
     };
     let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
@@ -97,7 +106,7 @@ async fn work_on(arguments: &Arguments, work: Arc<Work>) -> Result<End, Failure>
         store: store.clone(),
         work,
         options: Options {
-            name: worker_name(arguments.slot, std::process::id()),
+            name,
             data_dir: arguments.data_dir.clone(),
             time_limit: Duration::from_secs(arguments.job_time_limit_seconds.into()),
             checkpoint_interval: Duration::from_secs(arguments.checkpoint_seconds.into()),
@@ -110,9 +119,20 @@ async fn work_on(arguments: &Arguments, work: Arc<Work>) -> Result<End, Failure>
             committed: Box::new(tell),
         },
     };
+    let _pulse = AbortOnDropHandle::new(tokio::spawn(pulse()));
     let end = worker.run().await.map_err(failed)?;
     store.close().await;
     Ok(end)
+}
+
+/// Gives signs of life on standard output, from the thread that renews the lease.
+async fn pulse() {
+    let mut beat = tokio::time::interval(BEAT);
+    beat.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        beat.tick().await;
+        drop(writeln!(stdout(), "{SIGN_OF_LIFE}"));
+    }
 }
 
 /// Says on standard output that rows of a job were written. A server that is gone does not listen.

@@ -1,7 +1,7 @@
 //! Answers with a body that is worth resuming: strong `ETag`, ranges, conditional requests
 //! (RFC 9110 sections 13 and 14).
 
-use std::io::SeekFrom;
+use std::io::{self, SeekFrom};
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -13,6 +13,7 @@ use axum::http::header::{
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
+use futures_util::stream::{self, StreamExt};
 use tokio::fs::File;
 use tokio::io::{AsyncReadExt, AsyncSeekExt};
 use tokio_util::io::ReaderStream;
@@ -20,12 +21,14 @@ use tokio_util::io::ReaderStream;
 pub(super) use hex::encode as hex;
 
 use super::error::{ApiError, Code, Result};
+use crate::jobs::store::CHUNK_BYTES;
+use crate::jobs::{MeshInfo, Store};
 
 /// Bytes of a file that are read at a time.
 const READ_BYTES: usize = 64 * 1024;
 
 /// Content that never changes under its hash.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub(super) struct Download {
     /// Where the bytes are.
     pub(super) content: Content,
@@ -38,7 +41,7 @@ pub(super) struct Download {
 }
 
 /// Where the bytes are.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub(super) enum Content {
     /// A file of so many bytes.
     File {
@@ -49,6 +52,13 @@ pub(super) enum Content {
     },
     /// In memory.
     Memory(Bytes),
+    /// A mesh in its canonical encoding.
+    Stored {
+        /// Where it is.
+        store: Store,
+        /// Which one.
+        mesh: MeshInfo,
+    },
 }
 
 impl Content {
@@ -56,10 +66,11 @@ impl Content {
         match self {
             Self::File { bytes, .. } => *bytes,
             Self::Memory(bytes) => bytes.len() as u64,
+            Self::Stored { mesh, .. } => mesh.bytes,
         }
     }
 
-    async fn read(self, range: Range<u64>) -> std::io::Result<Body> {
+    async fn read(self, range: Range<u64>) -> io::Result<Body> {
         match self {
             Self::File { path, .. } => {
                 let mut file = File::open(path).await?;
@@ -72,7 +83,42 @@ impl Content {
                 )))
             }
             Self::Memory(bytes) => Ok(bytes.slice(range.start as usize..range.end as usize).into()),
+            Self::Stored { store, mesh } => {
+                // One that was erased is not begun.
+                let first = part(&store, &mesh, range.clone()).await?;
+                let rest = range.start + first.len() as u64..range.end;
+                let parts = stream::try_unfold(rest, move |left| {
+                    let (store, mesh) = (store.clone(), mesh.clone());
+                    async move {
+                        if left.is_empty() {
+                            return Ok::<_, io::Error>(None);
+                        }
+                        let part = part(&store, &mesh, left.clone()).await?;
+                        let left = left.start + part.len() as u64..left.end;
+                        Ok(Some((part, left)))
+                    }
+                });
+                let parts = stream::once(async { Ok(first) }).chain(parts);
+                Ok(Body::from_stream(parts))
+            }
         }
+    }
+}
+
+/// The first bytes of a range that is not empty: up to the end of the chunk that they are in.
+async fn part(store: &Store, mesh: &MeshInfo, range: Range<u64>) -> io::Result<Bytes> {
+    let chunk_bytes = CHUNK_BYTES as u64;
+    let (position, offset) = (range.start / chunk_bytes, range.start % chunk_bytes);
+    let chunk = store.mesh_chunk(mesh, position).await;
+    let chunk = Bytes::from(chunk.map_err(io::Error::other)?.unwrap_or_default());
+    let end = (offset + range.end - range.start).min(chunk.len() as u64);
+    if offset < end {
+        Ok(chunk.slice(offset as usize..end as usize))
+    } else {
+        Err(io::Error::new(
+            io::ErrorKind::NotFound,
+            "the mesh was erased",
+        ))
     }
 }
 

@@ -19,7 +19,7 @@ use serde_json::Value;
 
 use super::App;
 use super::error::Result;
-use crate::jobs::store::DATABASE_FILE;
+use crate::jobs::store::{CONTENT_FILE, DATABASE_FILE};
 use crate::jobs::worker::slot_of;
 use crate::jobs::{Event, Job, JobFilter, JobId, Status, Store};
 
@@ -301,12 +301,16 @@ impl Gauges {
 
     fn storage(&self, app: &App) {
         let folder = &app.config.data_dir;
-        let database = ["", "-wal"].map(|end| {
-            let file = folder.join(format!("{DATABASE_FILE}{end}"));
-            file.metadata().map_or(0, |found| found.len())
-        });
+        let database = |name: &str| -> u64 {
+            let bytes = ["", "-wal"].map(|end| {
+                let file = folder.join(format!("{name}{end}"));
+                file.metadata().map_or(0, |found| found.len())
+            });
+            bytes.iter().sum()
+        };
         for (kind, bytes) in [
-            ("database", database.iter().sum()),
+            ("database", database(DATABASE_FILE)),
+            ("content", database(CONTENT_FILE)),
             ("clouds", folder_bytes(&folder.join("clouds"))),
             ("cache", app.meshes.bytes()),
         ] {

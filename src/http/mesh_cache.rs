@@ -1,7 +1,7 @@
 //! Meshes as files in the formats that were asked for: made once, thrown away when they are many.
 //!
-//! The canonical mesh is in the database. A file makes ranges, resumed downloads and a strong `ETag`
-//! the same for all formats, at the price of one encoding.
+//! The canonical mesh, binary PLY, is in the database and is read from there. A file makes ranges, resumed downloads and a strong `ETag`
+//! the same for all other formats, at the price of one encoding.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs;
@@ -50,20 +50,21 @@ struct Entry {
 
 /// An encoded mesh.
 #[derive(Debug, Clone)]
-pub(super) struct Encoded {
+struct Encoded {
     path: PathBuf,
     bytes: u64,
     /// Hash of the file.
-    pub(super) sha256: String,
+    sha256: String,
 }
 
 impl Encoded {
-    /// For a download.
-    pub(super) fn content(&self) -> Content {
-        Content::File {
+    /// For a download, with its hash.
+    fn content(&self) -> (Content, String) {
+        let content = Content::File {
             path: self.path.clone(),
             bytes: self.bytes,
-        }
+        };
+        (content, self.sha256.clone())
     }
 
     fn erase(&self) {
@@ -100,21 +101,20 @@ impl MeshCache {
             .sum()
     }
 
-    /// A mesh of the job in the format.
+    /// A mesh of the job in the format, and its hash.
     ///
     /// # Errors
-    /// [`Code::NotFound`] and [`Code::Gone`] when it was erased meanwhile,
-    /// [`Code::InsufficientStorage`], and those of the store.
+    /// [`Code::NotFound`] and [`Code::Gone`] when it was erased meanwhile, and those of the store.
     pub(super) async fn get(
         self: &Arc<Self>,
         store: &Store,
         job: &Job,
         mesh: &MeshInfo,
         format: Format,
-    ) -> Result<Encoded> {
+    ) -> Result<(Content, String)> {
         let key = (mesh.sha256.clone(), format);
         if let Some(file) = self.kept().used_by(&key, &job.id) {
-            return Ok(file);
+            return Ok(file.content());
         }
         let turn = Arc::clone(&self.turn).acquire_owned().await;
         let turn = turn.map_err(ApiError::internal)?;
@@ -125,14 +125,14 @@ impl MeshCache {
         let work = tokio::spawn(async move {
             let _turn = turn;
             let adopted = cache.kept().adopt(&key, &job);
-            let file = match adopted {
-                Some(file) => file,
+            let content = match adopted {
+                Some(file) => file.content(),
                 None => cache.make(&store, &mesh, key, &job).await?,
             };
             // Erasing takes the rows first, then the files: one of the two sees the other.
             let there = store.job(&job).await.map_err(ApiError::from);
             match there.and_then(found) {
-                Ok(_) => Ok(file),
+                Ok(_) => Ok(content),
                 Err(error) => {
                     cache.erase(&job);
                     Err(error)
@@ -153,15 +153,32 @@ impl MeshCache {
         });
     }
 
-    async fn make(&self, store: &Store, mesh: &MeshInfo, key: Key, job: &JobId) -> Result<Encoded> {
+    async fn make(
+        &self,
+        store: &Store,
+        mesh: &MeshInfo,
+        key: Key,
+        job: &JobId,
+    ) -> Result<(Content, String)> {
         let ply = canonical(store, mesh).await?;
         let folder = self.folder.clone();
         let (hash, format) = key.clone();
         let name = format!("{hash}.{}", format.name());
-        let encoded = tokio::task::spawn_blocking(move || encode(&ply, format, &folder, &name));
-        let file = encoded.await.map_err(ApiError::internal)??;
-        self.kept().keep(key, file.clone(), job);
-        Ok(file)
+        let encoded = tokio::task::spawn_blocking(move || {
+            match encode_to_file(&ply, format, &folder, &name) {
+                // A full disk keeps nobody from reading.
+                Err(error) if is_full(&error) => Ok(Err(encode_to_memory(&ply, format)?)),
+                file => file.map(Ok),
+            }
+        });
+        let encoded = encoded.await.map_err(ApiError::internal)?;
+        match encoded.map_err(refused)? {
+            Ok(file) => {
+                self.kept().keep(key, file.clone(), job);
+                Ok(file.content())
+            }
+            Err(memory) => Ok(memory),
+        }
     }
 
     fn kept(&self) -> MutexGuard<'_, Kept> {
@@ -214,7 +231,7 @@ impl Kept {
 async fn canonical(store: &Store, mesh: &MeshInfo) -> Result<Vec<u8>> {
     let mut ply = Vec::with_capacity(mesh.bytes as usize);
     let mut position = 0;
-    while let Some(chunk) = store.mesh_chunk(mesh.id, position).await? {
+    while let Some(chunk) = store.mesh_chunk(mesh, position).await? {
         ply.extend_from_slice(&chunk);
         position += 1;
     }
@@ -225,30 +242,26 @@ async fn canonical(store: &Store, mesh: &MeshInfo) -> Result<Vec<u8>> {
     }
 }
 
-fn encode(ply: &[u8], format: Format, folder: &Path, name: &str) -> Result<Encoded> {
-    let refused = |error: io::Error| match error.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            ApiError::new(Code::InsufficientStorage, "the disk is full")
-        }
+fn is_full(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded
+    )
+}
+
+fn refused(error: io::Error) -> ApiError {
+    match error.kind() {
         io::ErrorKind::InvalidInput => ApiError::new(Code::NotAcceptable, error.to_string()),
         _ => ApiError::internal(error),
-    };
-    fs::create_dir_all(folder).map_err(refused)?;
-    let mut file = Hashing {
-        inner: tempfile::NamedTempFile::new_in(folder).map_err(refused)?,
-        hash: Sha256::new(),
-        bytes: 0,
-    };
-    if format == Format::PlyBinary {
-        file.write_all(ply).map_err(refused)?;
-    } else {
-        let mesh = read::read(ply, None).map_err(ApiError::internal)?;
-        write(&mesh, format, &mut file).map_err(refused)?;
     }
+}
+
+fn encode_to_file(ply: &[u8], format: Format, folder: &Path, name: &str) -> io::Result<Encoded> {
+    fs::create_dir_all(folder)?;
+    let mut file = Hashing::new(tempfile::NamedTempFile::new_in(folder)?);
+    encode(ply, format, &mut file)?;
     let path = folder.join(name);
-    file.inner
-        .persist(&path)
-        .map_err(|error| refused(error.error))?;
+    file.inner.persist(&path).map_err(|error| error.error)?;
     Ok(Encoded {
         path,
         bytes: file.bytes,
@@ -256,11 +269,33 @@ fn encode(ply: &[u8], format: Format, folder: &Path, name: &str) -> Result<Encod
     })
 }
 
+fn encode_to_memory(ply: &[u8], format: Format) -> io::Result<(Content, String)> {
+    let mut encoded = Hashing::new(Vec::new());
+    encode(ply, format, &mut encoded)?;
+    let content = Content::Memory(encoded.inner.into());
+    Ok((content, hex(encoded.hash.finalize())))
+}
+
+fn encode(ply: &[u8], format: Format, out: &mut impl Write) -> io::Result<()> {
+    let mesh = read::read(ply, None).map_err(io::Error::other)?;
+    write(&mesh, format, out)
+}
+
 /// Counts and hashes what passes through.
 struct Hashing<W> {
     inner: W,
     hash: Sha256,
     bytes: u64,
+}
+
+impl<W> Hashing<W> {
+    fn new(inner: W) -> Self {
+        Self {
+            inner,
+            hash: Sha256::new(),
+            bytes: 0,
+        }
+    }
 }
 
 impl<W: Write> Write for Hashing<W> {

@@ -137,21 +137,26 @@ pub(super) async fn respond(
 ) -> Result<Response> {
     let mesh = app.store.mesh_info(&job.id, evaluation).await?;
     let mesh = mesh.ok_or_else(|| ApiError::not_found("mesh"))?;
-    let file = app.meshes.get(&app.store, job, &mesh, format).await?;
+    let (content, sha256) = if format == Format::PlyBinary {
+        let (store, sha256) = (app.store.clone(), mesh.sha256.clone());
+        (Content::Stored { store, mesh }, sha256)
+    } else {
+        app.meshes.get(&app.store, job, &mesh, format).await?
+    };
     let stem = match evaluation {
         0 => job.id.to_string(),
         evaluation => format!("{}-{evaluation}", job.id),
     };
     let download = Download {
-        content: file.content(),
-        sha256: file.sha256,
+        content,
+        sha256,
         media_type: format.media_type(),
         file_name: format!("{stem}.{}", format.extension()),
     };
     match download.respond(headers).await {
         Ok(response) if evaluation == 0 => Ok(judged(response, job)),
         Ok(response) => Ok(response),
-        // The file is gone where the job was erased since it was found.
+        // The bytes are gone where the job was erased since it was found.
         Err(error) => found(app.store.job(&job.id).await?).and(Err(error)),
     }
 }

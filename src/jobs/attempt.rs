@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
+use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -87,7 +88,7 @@ impl NewEvent {
 pub struct NewMesh {
     pub(super) vertices: u64,
     pub(super) triangles: u64,
-    pub(super) data: Vec<u8>,
+    pub(super) data: Bytes,
     pub(super) sha256: String,
 }
 
@@ -100,7 +101,7 @@ impl NewMesh {
             vertices,
             triangles,
             sha256: sha256_hex(&data),
-            data,
+            data: data.into(),
         }
     }
 }

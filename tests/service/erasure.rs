@@ -13,7 +13,8 @@ use crate::http_support::{Answer, Service, gzip, sphere_xyz, upload_request};
 use crate::server::{Folder, PATIENCE, Server, until};
 use crate::wire::Connection;
 
-const ENDINGS: [&str; 5] = ["ply", "obj", "stl", "off", "glb"];
+/// Of the formats that are made when they are asked for.
+const ENCODED: [&str; 4] = ["obj", "stl", "off", "glb"];
 
 /// A mesh that differs with `shift`, in the encoding of the store.
 fn mesh(shift: f64) -> NewMesh {
@@ -48,7 +49,7 @@ async fn job_with(service: &Service, mesh: NewMesh) -> String {
 }
 
 /// Whether a file below the folder holds the bytes.
-fn holds(folder: &Path, bytes: &[u8]) -> bool {
+pub(crate) fn holds(folder: &Path, bytes: &[u8]) -> bool {
     fs::read_dir(folder).unwrap().any(|entry| {
         let path = entry.unwrap().path();
         if path.is_dir() {
@@ -74,7 +75,7 @@ async fn an_erased_job_leaves_no_encoding_of_its_meshes() {
     snapshot.await.unwrap();
     // Replaced by another one after it was downloaded.
     let mut downloads = Vec::new();
-    for ending in ENDINGS {
+    for ending in ENCODED {
         let path = format!("/v1/jobs/{id}/snapshots/5.{ending}");
         downloads.push(service.get(&path).await.expect(200).body);
     }
@@ -82,7 +83,7 @@ async fn an_erased_job_leaves_no_encoding_of_its_meshes() {
     snapshot.await.unwrap();
     succeed(&service, &claim, mesh(0.375)).await;
     for place in ["snapshots/5", "mesh"] {
-        for ending in ENDINGS {
+        for ending in ENCODED {
             let path = format!("/v1/jobs/{id}/{place}.{ending}");
             downloads.push(service.get(&path).await.expect(200).body);
         }
@@ -91,6 +92,8 @@ async fn an_erased_job_leaves_no_encoding_of_its_meshes() {
     for body in &downloads {
         assert!(holds(&folder.join("cache"), &marker(body)));
     }
+    let canonical = service.get(&format!("/v1/jobs/{id}/mesh.ply")).await;
+    downloads.push(canonical.expect(200).body);
     service.delete(&format!("/v1/jobs/{id}")).await.expect(204);
     assert_eq!(service.files("cache"), Vec::<String>::new());
     for body in &downloads {
@@ -203,7 +206,7 @@ async fn downloads(server: &Server, job: &str, evaluation: u64) -> Vec<Vec<u8>> 
     let mut client = Connection::open(server.address()).await.unwrap();
     let mut bodies = Vec::new();
     for place in ["mesh".to_owned(), format!("snapshots/{evaluation}")] {
-        for ending in ENDINGS {
+        for ending in ENCODED {
             let line = format!("GET {job}/{place}.{ending}");
             let answer = client.ask(&line, "", &[]).await.unwrap();
             assert_eq!(answer.status, 200, "{line}: {}", answer.json());

@@ -1,10 +1,11 @@
 //! What becomes of jobs when processes die, stop, hang, or take too much memory.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::process::Stdio;
 use std::time::Duration;
 
-use meshway::jobs::{FailureReason, Job, NewEvent, Options, Record, Status, Store, clock};
+use meshway::jobs::{FailureReason, Job, Status};
 use rustix::process::{Signal, kill_process, test_kill_process};
 use serde_json::json;
 use sqlx::Connection as _;
@@ -230,25 +231,11 @@ async fn a_job_that_its_user_erased_is_no_loss() {
 async fn the_time_limit_is_that_of_all_attempts() {
     let folder = Folder::new().await;
     let id = folder.submit(json!({})).await;
-    // An attempt that worked for an hour and died, an hour ago.
-    let clock = |ago: i64| {
-        let options = Options {
-            clock: std::sync::Arc::new(move || clock::now() - ago),
-            ..Options::default()
-        };
-        Store::open(folder.path(), options)
-    };
-    let (before, later) = (
-        clock(7_200_000).await.unwrap(),
-        clock(3_600_000).await.unwrap(),
-    );
-    let claim = before.claim("worker", 6_000).await.unwrap().unwrap();
-    let told = Record {
-        events: vec![NewEvent::new("job.progress", json!({"fraction": 0.5}))],
-        ..Record::default()
-    };
-    later.record(&claim, told).await.unwrap();
-    later.release(&claim).await.unwrap();
+    let store = &folder.store;
+    let claim = store.claim("worker", 6_000).await.unwrap().unwrap();
+    let worked = Duration::from_hours(1);
+    store.renew(&claim, 6_000, worked).await.unwrap();
+    store.release(&claim).await.unwrap();
     let _server = folder
         .serve(&["--script=sleep:60", "--job-time-limit-seconds=3000"])
         .await;
@@ -317,7 +304,7 @@ async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
     write.rollback().await.unwrap();
     assert_eq!(folder.job(&id).await.status, Status::Running);
     until("the lease runs out", PATIENCE, async || {
-        let reaped = store.reap_expired().await.unwrap();
+        let reaped = store.reap_expired(BTreeSet::new()).await.unwrap();
         (reaped == [id.clone()]).then_some(())
     })
     .await;

@@ -97,8 +97,17 @@ async fn a_full_disk_refuses_new_work_corrupts_nothing_and_passes() {
         let read = connection.ask(&format!("GET {path}"), "", &[]).await;
         assert_eq!(read.unwrap().status, 200, "{path}");
     }
+    for mesh in ["mesh.ply", "mesh.obj", "mesh.stl"] {
+        let line = format!("GET /v1/jobs/{ended}/{mesh}");
+        let read = connection.ask(&line, "", &[]).await.unwrap();
+        assert_eq!(read.status, 200, "{line}: {}", read.json());
+    }
     let refused = connection.post("/v1/jobs", "", &job).await.unwrap();
     assert_eq!(refused.status, 507, "{}", refused.json());
+    // What is asked for by the 507 can be done.
+    let line = format!("DELETE /v1/jobs/{ended}");
+    let erased = connection.ask(&line, "", &[]).await.unwrap();
+    assert_eq!(erased.status, 204, "{}", server.log());
 
     fs::remove_file(second).unwrap();
     fs::remove_file(first).unwrap();

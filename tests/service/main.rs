@@ -1,8 +1,10 @@
 //! Tests of the service. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod clock;
 mod data_folder;
 mod erasure;
+mod erasure_kinds;
 mod faults;
 mod format_jobs;
 mod full_disk;
@@ -30,6 +32,8 @@ mod store_content;
 mod store_life;
 mod store_machine;
 mod store_migrations;
+mod store_moving;
+mod store_objects;
 mod store_support;
 mod store_writer;
 mod wire;

@@ -1,6 +1,6 @@
 //! What clients find: kept answers, lists, clouds, the stream of all events, and erasure.
 
-use meshway::jobs::store::MESH_CHUNK_BYTES;
+use meshway::jobs::store::CHUNK_BYTES;
 use meshway::jobs::{
     CloudId, Error, FailureReason, Idempotency, IdempotencyState, JobFilter, Lookup, NewMesh,
     Record, Status, StoredResponse,
@@ -289,7 +289,7 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
         .record(&claim, row_of_everything())
         .await
         .unwrap();
-    let mesh = NewMesh::new(1, 1, vec![1; MESH_CHUNK_BYTES + 1]);
+    let mesh = NewMesh::new(1, 1, vec![1; CHUNK_BYTES + 1]);
     bench.store.put_snapshot(&claim, 2, mesh).await.unwrap();
     bench
         .store

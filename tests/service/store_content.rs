@@ -1,10 +1,11 @@
 //! What a worker writes about a job, and how it comes back.
 
-use meshway::jobs::store::MESH_CHUNK_BYTES;
+use meshway::jobs::store::CHUNK_BYTES;
 use meshway::jobs::{Error, NewEvent, NewMesh, Record};
 use meshway::reconstruction::training::{GradientHistogram, LayerHistogram, Metrics};
 use serde_json::json;
 
+use crate::server::{PATIENCE, until};
 use crate::store_support::{Bench, success};
 
 fn metrics(evaluation: u64) -> Metrics {
@@ -156,10 +157,8 @@ async fn meshes_come_back_in_chunks() {
     let bench = Bench::new().await;
     let id = bench.submit().await.id;
     let claim = bench.claim().await;
-    let data: Vec<u8> = (0..2 * MESH_CHUNK_BYTES + 5)
-        .map(|i| (i % 251) as u8)
-        .collect();
-    let old = NewMesh::new(1, 1, vec![0; 3 * MESH_CHUNK_BYTES + 1]);
+    let data: Vec<u8> = (0..2 * CHUNK_BYTES + 5).map(|i| (i % 251) as u8).collect();
+    let old = NewMesh::new(1, 1, vec![0; 3 * CHUNK_BYTES + 1]);
     bench.store.put_snapshot(&claim, 9, old).await.unwrap();
     let old = bench.store.mesh_info(&id, 9).await.unwrap().unwrap();
     let mesh = NewMesh::new(10, 16, data.clone());
@@ -173,21 +172,25 @@ async fn meshes_come_back_in_chunks() {
         (info.vertices, info.triangles, info.bytes),
         (10, 16, data.len() as u64)
     );
-    assert_eq!(bench.store.mesh_chunk(old.id, 0).await.unwrap(), None);
+    until("the replaced one is removed", PATIENCE, async || {
+        let chunk = bench.store.mesh_chunk(&old, 0).await.unwrap();
+        chunk.is_none().then_some(())
+    })
+    .await;
 
     let mut read = Vec::new();
     for position in 0..3 {
         read.extend(
             bench
                 .store
-                .mesh_chunk(info.id, position)
+                .mesh_chunk(&info, position)
                 .await
                 .unwrap()
                 .unwrap(),
         );
     }
     assert!(read == data);
-    assert_eq!(bench.store.mesh_chunk(info.id, 3).await.unwrap(), None);
+    assert_eq!(bench.store.mesh_chunk(&info, 3).await.unwrap(), None);
 
     let zero = bench.store.put_snapshot(&claim, 0, mesh).await;
     assert!(matches!(zero, Err(Error::SnapshotAtZero)), "{zero:?}");

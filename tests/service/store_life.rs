@@ -1,5 +1,7 @@
 //! The life of a job: every legal way, and the refusal of every other.
 
+use std::time::Duration;
+
 use meshway::jobs::{
     Claim, CloudDeletion, Error, FailureReason, Lease, Lookup, NewEvent, NewMesh, Problem, Record,
     Status, Store,
@@ -44,7 +46,7 @@ async fn a_job_goes_from_the_queue_to_its_mesh() {
     let held = Lease::Held {
         cancel_requested: false,
     };
-    assert_eq!(bench.store.renew(&claim, LEASE_MS).await.unwrap(), held);
+    assert_eq!(bench.renew(&claim).await, held);
     let record = Record {
         progress: Some(0.5),
         eta_seconds: Some(3.0),
@@ -125,7 +127,10 @@ async fn assert_writes_nothing(store: &Store, claim: &Claim) {
             "write {number}: {outcome:?}"
         );
     }
-    assert_eq!(store.renew(claim, LEASE_MS).await.unwrap(), Lease::Lost);
+    assert_eq!(
+        store.renew(claim, LEASE_MS, Duration::ZERO).await.unwrap(),
+        Lease::Lost
+    );
 }
 
 #[tokio::test]
@@ -180,7 +185,7 @@ async fn final_states_are_final() {
             "a lost race is no error and changes nothing"
         );
         bench.pass(10 * LEASE_MS);
-        assert!(bench.store.reap_expired().await.unwrap().is_empty());
+        assert!(bench.reap().await.is_empty());
         assert_eq!(bench.store.claim("w", LEASE_MS).await.unwrap(), None);
         assert_eq!(bench.job(&id).await, job);
     }
@@ -219,7 +224,7 @@ async fn a_queued_job_is_cancelled_at_once_and_a_running_one_by_its_worker() {
     let held = Lease::Held {
         cancel_requested: true,
     };
-    assert_eq!(bench.store.renew(&claim, LEASE_MS).await.unwrap(), held);
+    assert_eq!(bench.renew(&claim).await, held);
     bench.store.cancelled(&claim).await.unwrap();
     assert_eq!(bench.job(&running).await.status, Status::Cancelled);
 }
@@ -236,10 +241,7 @@ async fn a_job_that_shall_end_does_not_wait_again() {
             1 => drop(bench.store.attempt_failed(&id, 1, crash()).await.unwrap()),
             _ => {
                 bench.pass(LEASE_MS + 1);
-                assert_eq!(
-                    bench.store.reap_expired().await.unwrap(),
-                    std::slice::from_ref(&id)
-                );
+                assert_eq!(bench.reap().await, std::slice::from_ref(&id));
             }
         }
         assert_eq!(bench.job(&id).await.status, Status::Cancelled);
@@ -265,15 +267,9 @@ async fn the_third_failed_attempt_is_the_last_and_a_release_counts_for_none() {
 
     bench.claim().await;
     bench.pass(LEASE_MS);
-    assert!(
-        bench.store.reap_expired().await.unwrap().is_empty(),
-        "its last millisecond"
-    );
+    assert!(bench.reap().await.is_empty(), "its last millisecond");
     bench.pass(1);
-    assert_eq!(
-        bench.store.reap_expired().await.unwrap(),
-        std::slice::from_ref(&id)
-    );
+    assert_eq!(bench.reap().await, std::slice::from_ref(&id));
     assert_eq!(
         bench.job(&id).await.failure_reason,
         Some(FailureReason::LeaseExpired)

@@ -2,6 +2,9 @@
 //! of a few lines: never two valid claims on a job, no job lost, none finished twice, event ids
 //! without a gap, and what is refused changes nothing.
 
+use std::collections::BTreeSet;
+use std::time::Duration;
+
 use meshway::jobs::{
     Claim, Error, FailureReason, JobId, Lease, Lookup, NewEvent, Problem, Record, Result, Status,
     Store,
@@ -151,7 +154,7 @@ impl Machine {
                 }
             }
             Step::Reap => {
-                let reaped = self.store.reap_expired().await.unwrap();
+                let reaped = self.store.reap_expired(BTreeSet::new()).await.unwrap();
                 let now = self.store.now();
                 let mut expected = Vec::new();
                 for job in self.jobs.iter_mut().filter(|job| !job.erased) {
@@ -196,7 +199,11 @@ impl Machine {
             .unwrap();
         let valid = !job.erased && job.status == Status::Running && job.attempt == claim.attempt;
         if let Work::Renew = work {
-            let lease = self.store.renew(claim, LEASE_MS).await.unwrap();
+            let lease = self
+                .store
+                .renew(claim, LEASE_MS, Duration::ZERO)
+                .await
+                .unwrap();
             let expected = if valid {
                 job.lease_until = now + LEASE_MS;
                 Lease::Held {
@@ -267,7 +274,7 @@ fn pick(jobs: &mut [Model], n: usize) -> Option<&mut Model> {
 
 async fn write(store: &Store, claim: &Claim, work: Work) -> Result<()> {
     match work {
-        Work::Renew => store.renew(claim, LEASE_MS).await.map(drop),
+        Work::Renew => store.renew(claim, LEASE_MS, Duration::ZERO).await.map(drop),
         Work::Record => {
             let events = ["job.progress", "job.warning"];
             let record = Record {

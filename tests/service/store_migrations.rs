@@ -19,7 +19,7 @@ const SECOND: [(&str, &str); 2] = [
 ];
 
 /// Those of the version before the series told of blocks.
-const FOURTH: [(&str, &str); 4] = [
+pub(crate) const FOURTH: [(&str, &str); 4] = [
     SECOND[0],
     SECOND[1],
     (
@@ -33,9 +33,9 @@ const FOURTH: [(&str, &str); 4] = [
 ];
 
 /// A database as the version with these migrations made it.
-async fn database(
+pub(crate) async fn database(
     folder: &Path,
-    migrations: &'static [(&'static str, &'static str)],
+    migrations: &[(&'static str, &'static str)],
 ) -> SqliteConnection {
     let mut db = SqliteConnectOptions::new()
         .filename(folder.join(DATABASE_FILE))
@@ -44,8 +44,8 @@ async fn database(
         .connect()
         .await
         .unwrap();
-    let migrations = (1..).zip(migrations).map(|(version, (name, sql))| {
-        let (name, sql) = ((*name).into(), (*sql).into_sql_str());
+    let migrations = (1..).zip(migrations).map(|(version, &(name, sql))| {
+        let (name, sql) = (name.into(), sql.into_sql_str());
         Migration::new(version, name, MigrationType::Simple, sql, true)
     });
     let migrator = Migrator::with_migrations(migrations.collect());

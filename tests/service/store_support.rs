@@ -1,14 +1,15 @@
 //! A store in a temporary folder, with a clock that stands until it is moved.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
-use meshway::jobs::store::DATABASE_FILE;
+use meshway::jobs::store::{CONTENT_FILE, DATABASE_FILE};
 use meshway::jobs::{
-    Claim, CloudId, Event, Job, JobId, NewCloud, NewJob, NewMesh, Options, Record, Store, Success,
+    Claim, CloudId, Event, Job, JobId, Lease, NewCloud, NewJob, NewMesh, Options, Record, Store,
+    Success,
 };
 use meshway::reconstruction::{Phase, Preset};
 use serde_json::json;
@@ -60,8 +61,17 @@ impl Bench {
 
     /// A bare connection to the same database.
     pub(crate) async fn connection(&self) -> SqliteConnection {
+        self.connect(DATABASE_FILE).await
+    }
+
+    /// A bare connection to its content.
+    pub(crate) async fn content(&self) -> SqliteConnection {
+        self.connect(CONTENT_FILE).await
+    }
+
+    async fn connect(&self, file: &str) -> SqliteConnection {
         SqliteConnectOptions::new()
-            .filename(self.path().join(DATABASE_FILE))
+            .filename(self.path().join(file))
             .busy_timeout(Duration::from_secs(5))
             .connect()
             .await
@@ -88,6 +98,17 @@ impl Bench {
 
     pub(crate) async fn claim(&self) -> Claim {
         self.store.claim("w", LEASE_MS).await.unwrap().unwrap()
+    }
+
+    pub(crate) async fn renew(&self, claim: &Claim) -> Lease {
+        let renewal = self.store.renew(claim, LEASE_MS, Duration::ZERO);
+        renewal.await.unwrap()
+    }
+
+    /// Takes the jobs of expired leases from their workers, of which none is seen.
+    pub(crate) async fn reap(&self) -> Vec<JobId> {
+        let none_seen = BTreeSet::new();
+        self.store.reap_expired(none_seen).await.unwrap()
     }
 
     pub(crate) async fn job(&self, id: &JobId) -> Job {

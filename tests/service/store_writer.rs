@@ -128,9 +128,9 @@ async fn a_full_database_refuses_writes_whole_and_recovers() {
     let mut large = success();
     large.mesh = meshway::jobs::NewMesh::new(1, 1, vec![1; 4 << 20]);
     // A trigger stands in for a full disk: it refuses the second chunk of a mesh.
-    let mut db = bench.connection().await;
+    let mut db = bench.content().await;
     sqlx::query(
-        "CREATE TRIGGER refuse BEFORE INSERT ON mesh_chunks WHEN NEW.position = 1
+        "CREATE TRIGGER refuse BEFORE INSERT ON chunks WHEN NEW.position = 1
          BEGIN SELECT RAISE(ROLLBACK, 'no room'); END",
     )
     .execute(&mut db)

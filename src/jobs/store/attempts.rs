@@ -6,6 +6,7 @@ use super::Store;
 use super::outcome::{Fence, Outcome};
 use super::row::integer;
 use super::writer::Transaction;
+use crate::jobs::attempt::sha256_hex;
 use crate::jobs::{Claim, Error, JobId, NewMesh, Record, Result, Success, assessment};
 use crate::reconstruction::Phase;
 
@@ -29,11 +30,14 @@ impl Store {
         if evaluation == 0 {
             return Err(Error::SnapshotAtZero);
         }
+        self.check_held(claim).await?;
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
-        self.write(move |mut tx| {
+        let object = self.put_object(mesh.data.clone()).await?;
+        let named = object.clone();
+        self.name(&[&object], move |mut tx| {
             Box::pin(async move {
                 tx.held(&id, attempt).await?;
-                tx.put_mesh(&id, evaluation, &mesh).await?;
+                tx.put_mesh(&id, evaluation, &mesh, &named).await?;
                 let data = json!({
                     "evaluation": evaluation,
                     "vertices": mesh.vertices,
@@ -52,18 +56,30 @@ impl Store {
     /// # Errors
     /// `Stale`, and as every write; the job runs on as it was then.
     pub async fn succeed(&self, claim: &Claim, success: Success) -> Result<()> {
+        self.check_held(claim).await?;
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
-        self.write(move |mut tx| {
+        let Success {
+            mesh,
+            report,
+            model,
+            last,
+        } = success;
+        let hash = sha256_hex(&model);
+        let surface = self.put_object(mesh.data.clone()).await?;
+        let network = match self.put_object(model.into()).await {
+            Ok(network) => network,
+            Err(error) => {
+                self.discard(vec![surface.key]).await;
+                return Err(error);
+            }
+        };
+        let named = (surface.clone(), network.clone());
+        self.name(&[&surface, &network], move |mut tx| {
             Box::pin(async move {
-                let Success {
-                    mesh,
-                    report,
-                    model,
-                    last,
-                } = success;
+                let (surface, network) = named;
                 tx.record(&id, attempt, &last).await?;
-                tx.put_mesh(&id, 0, &mesh).await?;
-                tx.put_model(&id, &model).await?;
+                tx.put_mesh(&id, 0, &mesh, &surface).await?;
+                tx.put_model(&id, hash, &network).await?;
                 let mut told = assessment::members(Some(&report));
                 for (name, number) in [
                     ("vertices", mesh.vertices),
@@ -126,8 +142,8 @@ impl Transaction<'_> {
         for statement in [
             "DELETE FROM metrics WHERE job_id = ?1 AND evaluation > ?2",
             "DELETE FROM gradients WHERE job_id = ?1 AND evaluation > ?2",
-            "DELETE FROM mesh_chunks WHERE mesh_id IN
-                 (SELECT id FROM meshes WHERE job_id = ?1 AND evaluation > ?2)",
+            "INSERT INTO graves (key)
+                 SELECT object FROM meshes WHERE job_id = ?1 AND evaluation > ?2",
             "DELETE FROM meshes WHERE job_id = ?1 AND evaluation > ?2",
             "UPDATE jobs SET evaluations = ?2,
                  metrics = (SELECT COUNT(*) FROM metrics WHERE job_id = ?1) WHERE id = ?1",

@@ -1,7 +1,10 @@
 //! Where training can go on after an interruption: at most one a job, erased when the job ends.
 
+use bytes::Bytes;
+
 use super::Store;
 use super::row::{Columns, integer};
+use super::writer::Transaction;
 use crate::jobs::{Claim, JobId, Result};
 
 /// A saved state of training.
@@ -26,23 +29,27 @@ impl Store {
         &self,
         claim: &Claim,
         evaluation: u64,
-        data: Vec<u8>,
+        data: impl Into<Bytes>,
     ) -> Result<()> {
+        self.check_held(claim).await?;
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
-        self.write(move |mut tx| {
+        let object = self.put_object(data.into()).await?;
+        let named = object.clone();
+        self.name(&[&object], move |mut tx| {
             Box::pin(async move {
                 tx.held(&id, attempt).await?;
+                tx.may_name(&named).await?;
+                tx.bury_checkpoint(&id).await?;
                 sqlx::query(
-                    "INSERT INTO checkpoints (job_id, attempt, evaluation, data, created_at)
-                     VALUES (?1, ?2, ?3, ?4, ?5)
-                     ON CONFLICT (job_id) DO UPDATE SET attempt = excluded.attempt,
-                         evaluation = excluded.evaluation, data = excluded.data,
-                         created_at = excluded.created_at",
+                    "INSERT INTO checkpoints (job_id, attempt, evaluation, object, bytes,
+                         created_at)
+                     VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
                 )
                 .bind(id.as_str())
                 .bind(attempt)
                 .bind(integer(evaluation))
-                .bind(data)
+                .bind(&named.key)
+                .bind(integer(named.bytes))
                 .bind(tx.now)
                 .execute(&mut *tx.db)
                 .await?;
@@ -65,11 +72,31 @@ impl Store {
             return Ok(None);
         };
         let columns = Columns::new("checkpoints", &row);
+        let data = self.inner.objects.whole(&columns.object()?).await?;
+        let Some(data) = data else {
+            return Ok(None);
+        };
         Ok(Some(Checkpoint {
             attempt: columns.get("attempt")?,
             evaluation: columns.count("evaluation")?,
-            data: columns.get("data")?,
+            data,
             created_at: columns.get("created_at")?,
         }))
+    }
+}
+
+impl Transaction<'_> {
+    /// Removes the saved state of a job, if there is one.
+    pub(super) async fn bury_checkpoint(&mut self, id: &JobId) -> Result<()> {
+        for statement in [
+            "INSERT INTO graves (key) SELECT object FROM checkpoints WHERE job_id = ?1",
+            "DELETE FROM checkpoints WHERE job_id = ?1",
+        ] {
+            sqlx::query(statement)
+                .bind(id.as_str())
+                .execute(&mut *self.db)
+                .await?;
+        }
+        Ok(())
     }
 }

@@ -4,6 +4,7 @@ use sqlx::sqlite::SqliteRow;
 
 use super::Store;
 use super::row::{Columns, integer, to_json};
+use super::writer::Transaction;
 use crate::jobs::{Cloud, CloudDeletion, CloudId, NewCloud, Result};
 
 impl Store {
@@ -82,42 +83,12 @@ impl Store {
     /// # Errors
     /// As every write.
     pub async fn delete_cloud(&self, id: &CloudId) -> Result<CloudDeletion> {
-        let id = id.clone();
-        let work = self.write(move |mut tx| {
-            Box::pin(async move {
-                let in_use: bool = sqlx::query_scalar(
-                    "SELECT EXISTS (SELECT 1 FROM jobs
-                     WHERE cloud_id = ?1 AND status IN ('queued', 'running'))",
-                )
-                .bind(id.as_str())
-                .fetch_one(&mut *tx.db)
-                .await?;
-                if in_use {
-                    return Ok(CloudDeletion::InUse);
-                }
-                let deleted = sqlx::query("DELETE FROM clouds WHERE id = ?1 RETURNING *")
-                    .bind(id.as_str())
-                    .fetch_optional(&mut *tx.db)
-                    .await?;
-                let Some(row) = deleted else {
-                    return Ok(CloudDeletion::Missing);
-                };
-                for statement in [
-                    "UPDATE jobs SET cloud_erased = 1 WHERE cloud_id = ?1",
-                    // The key stays, as those of jobs do.
-                    "UPDATE idempotency SET headers = '[]', body = x'' WHERE cloud_id = ?1",
-                ] {
-                    sqlx::query(statement)
-                        .bind(id.as_str())
-                        .execute(&mut *tx.db)
-                        .await?;
-                }
-                tx.bury(id.as_str(), "deleted").await?;
-                Ok(CloudDeletion::Deleted(cloud_of(&row)?))
-            })
+        let erased = self.erase(|| {
+            let id = id.clone();
+            Box::new(move |mut tx| Box::pin(async move { tx.erase_cloud(&id).await }))
         });
-        let deletion = work.await?;
-        self.shred();
+        let deletion = erased.await?;
+        self.bury().await;
         Ok(deletion)
     }
 
@@ -131,6 +102,40 @@ impl Store {
                 .fetch_all(self.readers())
                 .await?,
         )
+    }
+}
+
+impl Transaction<'_> {
+    async fn erase_cloud(&mut self, id: &CloudId) -> Result<CloudDeletion> {
+        let in_use: bool = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM jobs
+             WHERE cloud_id = ?1 AND status IN ('queued', 'running'))",
+        )
+        .bind(id.as_str())
+        .fetch_one(&mut *self.db)
+        .await?;
+        if in_use {
+            return Ok(CloudDeletion::InUse);
+        }
+        let deleted = sqlx::query("DELETE FROM clouds WHERE id = ?1 RETURNING *")
+            .bind(id.as_str())
+            .fetch_optional(&mut *self.db)
+            .await?;
+        let Some(row) = deleted else {
+            return Ok(CloudDeletion::Missing);
+        };
+        for statement in [
+            "UPDATE jobs SET cloud_erased = 1 WHERE cloud_id = ?1",
+            // The key stays, as those of jobs do.
+            "UPDATE idempotency SET headers = '[]', body = x'' WHERE cloud_id = ?1",
+        ] {
+            sqlx::query(statement)
+                .bind(id.as_str())
+                .execute(&mut *self.db)
+                .await?;
+        }
+        self.bury(id.as_str(), "deleted").await?;
+        Ok(CloudDeletion::Deleted(cloud_of(&row)?))
     }
 }
 

@@ -142,54 +142,13 @@ impl Store {
     /// # Errors
     /// As every write.
     pub async fn delete_job(&self, id: &JobId, reason: &'static str) -> Result<Lookup> {
-        let id = id.clone();
-        let erased = self
-            .write(move |mut tx| {
-                Box::pin(async move {
-                    let Some(job) = find_job(&mut *tx.db, &id).await? else {
-                        return find_tombstone(&mut *tx.db, &id).await;
-                    };
-                    // Foreign keys are enforced: a table that were forgotten here would refuse it.
-                    for statement in [
-                        "DELETE FROM mesh_chunks
-                     WHERE mesh_id IN (SELECT id FROM meshes WHERE job_id = ?1)",
-                        "DELETE FROM meshes WHERE job_id = ?1",
-                        "DELETE FROM models WHERE job_id = ?1",
-                        "DELETE FROM checkpoints WHERE job_id = ?1",
-                        "DELETE FROM metrics WHERE job_id = ?1",
-                        "DELETE FROM gradients WHERE job_id = ?1",
-                        "DELETE FROM events WHERE job_id = ?1",
-                        // The key stays: a request that comes again must not make a second job.
-                        "UPDATE idempotency SET headers = '[]', body = x'' WHERE job_id = ?1",
-                        "DELETE FROM jobs WHERE id = ?1",
-                    ] {
-                        sqlx::query(statement)
-                            .bind(id.as_str())
-                            .execute(&mut *tx.db)
-                            .await?;
-                    }
-                    tx.bury(id.as_str(), reason).await?;
-                    Ok(Lookup::Found(Box::new(job)))
-                })
-            })
-            .await?;
-        self.shred();
+        let erased = self.erase(|| {
+            let id = id.clone();
+            Box::new(move |mut tx| Box::pin(async move { tx.erase_job(&id, reason).await }))
+        });
+        let erased = erased.await?;
+        self.bury().await;
         Ok(erased)
-    }
-
-    /// Jobs that ended before the given time, longest ago first: what a retention erases.
-    ///
-    /// # Errors
-    /// As every read.
-    pub async fn finished_before(&self, time: i64, limit: u32) -> Result<Vec<JobId>> {
-        sqlx::query("SELECT id FROM jobs WHERE finished_at < ?1 ORDER BY finished_at, id LIMIT ?2")
-            .bind(time)
-            .bind(limit)
-            .fetch_all(self.readers())
-            .await?
-            .iter()
-            .map(|row| Columns::new("jobs", row).parsed("id"))
-            .collect()
     }
 
     /// Number of jobs in each state.
@@ -222,6 +181,34 @@ impl Store {
 }
 
 impl Transaction<'_> {
+    async fn erase_job(&mut self, id: &JobId, reason: &'static str) -> Result<Lookup> {
+        let Some(job) = find_job(&mut *self.db, id).await? else {
+            return find_tombstone(&mut *self.db, id).await;
+        };
+        // Foreign keys are enforced: a table that were forgotten here would refuse it.
+        for statement in [
+            "INSERT INTO graves (key) SELECT object FROM meshes WHERE job_id = ?1",
+            "INSERT INTO graves (key) SELECT object FROM models WHERE job_id = ?1",
+            "INSERT INTO graves (key) SELECT object FROM checkpoints WHERE job_id = ?1",
+            "DELETE FROM meshes WHERE job_id = ?1",
+            "DELETE FROM models WHERE job_id = ?1",
+            "DELETE FROM checkpoints WHERE job_id = ?1",
+            "DELETE FROM metrics WHERE job_id = ?1",
+            "DELETE FROM gradients WHERE job_id = ?1",
+            "DELETE FROM events WHERE job_id = ?1",
+            // The key stays: a request that comes again must not make a second job.
+            "UPDATE idempotency SET headers = '[]', body = x'' WHERE job_id = ?1",
+            "DELETE FROM jobs WHERE id = ?1",
+        ] {
+            sqlx::query(statement)
+                .bind(id.as_str())
+                .execute(&mut *self.db)
+                .await?;
+        }
+        self.bury(id.as_str(), reason).await?;
+        Ok(Lookup::Found(Box::new(job)))
+    }
+
     async fn insert_job(&mut self, new: &NewJob) -> Result<Job> {
         let cloud: Option<i64> = sqlx::query_scalar("SELECT 1 FROM clouds WHERE id = ?1")
             .bind(new.cloud_id.as_str())

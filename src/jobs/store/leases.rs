@@ -4,6 +4,7 @@
 //! and writes nothing. A lease that has run out still holds until somebody reaps it: it is the
 //! attempt that protects the job, the lease only tells when to stop waiting.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use serde_json::{Value, json};
@@ -11,7 +12,7 @@ use serde_json::{Value, json};
 use super::Store;
 use super::jobs::job_of;
 use super::outcome::{Fence, Outcome};
-use super::row::{Columns, to_json};
+use super::row::{Columns, integer, to_json};
 use super::writer::Transaction;
 use crate::jobs::{Claim, Error, FailureReason, Job, JobId, Lease, Problem, Result};
 
@@ -60,10 +61,10 @@ impl Store {
                         .await?;
                 }
                 let job = tx.load_job(&job.id).await?;
-                let worked_ms = tx.worked_ms(&job.id, job.attempt).await?;
+                let worked_ms = Columns::new("jobs", &row).count("worked_ms")?;
                 Ok(Some(Claim {
                     attempt: job.attempt,
-                    worked: Duration::from_millis(worked_ms.max(0) as u64),
+                    worked: Duration::from_millis(worked_ms),
                     job,
                 }))
             })
@@ -71,22 +72,25 @@ impl Store {
         .await
     }
 
-    /// Holds the job for another `lease_ms` milliseconds from now, and asks whether it shall end.
+    /// Holds the job for another `lease_ms` milliseconds from now, notes how long all its attempts
+    /// have worked by now, and asks whether it shall end.
     ///
     /// # Errors
     /// As every write.
-    pub async fn renew(&self, claim: &Claim, lease_ms: i64) -> Result<Lease> {
+    pub async fn renew(&self, claim: &Claim, lease_ms: i64, worked: Duration) -> Result<Lease> {
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
+        let worked_ms = integer(worked.as_millis() as u64);
         self.write(move |tx| {
             Box::pin(async move {
                 let cancel_requested: Option<i64> = sqlx::query_scalar(
-                    "UPDATE jobs SET lease_until = ?3
+                    "UPDATE jobs SET lease_until = ?3, worked_ms = MAX(worked_ms, ?4)
                      WHERE id = ?1 AND attempt = ?2 AND status = 'running'
                      RETURNING cancel_requested",
                 )
                 .bind(id.as_str())
                 .bind(attempt)
                 .bind(tx.now + lease_ms)
+                .bind(worked_ms)
                 .fetch_optional(&mut *tx.db)
                 .await?;
                 Ok(cancel_requested.map_or(Lease::Lost, |asked| Lease::Held {
@@ -156,11 +160,12 @@ impl Store {
         .await
     }
 
-    /// Counts a failed attempt for every running job whose lease has run out, and names them.
+    /// Counts a failed attempt for every running job whose lease has run out, and names them. Jobs
+    /// of the workers in `spared` are left alone: whoever sees them at work needs no lease.
     ///
     /// # Errors
     /// As every write.
-    pub async fn reap_expired(&self) -> Result<Vec<JobId>> {
+    pub async fn reap_expired(&self, spared: BTreeSet<String>) -> Result<Vec<JobId>> {
         // As in `claim`: the usual case takes no lock.
         let expired: bool = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until < ?1)",
@@ -174,7 +179,7 @@ impl Store {
         self.write(move |mut tx| {
             Box::pin(async move {
                 let rows = sqlx::query(
-                    "SELECT id, attempt FROM jobs
+                    "SELECT id, attempt, worker FROM jobs
                      WHERE status = 'running' AND lease_until < ?1 ORDER BY created_at, id",
                 )
                 .bind(tx.now)
@@ -183,12 +188,45 @@ impl Store {
                 let mut reaped = Vec::with_capacity(rows.len());
                 for row in &rows {
                     let columns = Columns::new("jobs", row);
+                    if spared.contains(columns.get::<&str>("worker")?) {
+                        continue;
+                    }
                     let id: JobId = columns.parsed("id")?;
                     tx.attempt_failed(&id, columns.get("attempt")?, &FailureReason::LeaseExpired)
                         .await?;
                     reaped.push(id);
                 }
                 Ok(reaped)
+            })
+        })
+        .await
+    }
+
+    /// Cuts leases that end later than `lease_ms` milliseconds from now, which no renewal gives: the
+    /// clock was set back since, and a job whose worker is gone would wait for it.
+    ///
+    /// # Errors
+    /// As every write.
+    pub async fn cut_leases(&self, lease_ms: i64) -> Result<u64> {
+        let ahead: bool = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until > ?1)",
+        )
+        .bind(self.now() + lease_ms)
+        .fetch_one(self.readers())
+        .await?;
+        if !ahead {
+            return Ok(0);
+        }
+        self.write(move |tx| {
+            Box::pin(async move {
+                let cut = sqlx::query(
+                    "UPDATE jobs SET lease_until = ?1
+                     WHERE status = 'running' AND lease_until > ?1",
+                )
+                .bind(tx.now + lease_ms)
+                .execute(tx.db)
+                .await?;
+                Ok(cut.rows_affected())
             })
         })
         .await
@@ -204,6 +242,22 @@ impl Store {
             .fetch_optional(self.readers())
             .await?;
         row.as_ref().map(job_of).transpose()
+    }
+
+    /// Whether the claim is still good: asked before large content is written for it.
+    ///
+    /// # Errors
+    /// `Stale` if it is not, and as every read.
+    pub(super) async fn check_held(&self, claim: &Claim) -> Result<()> {
+        let held: bool = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM jobs
+                            WHERE id = ?1 AND attempt = ?2 AND status = 'running')",
+        )
+        .bind(claim.job.id.as_str())
+        .bind(claim.attempt)
+        .fetch_one(self.readers())
+        .await?;
+        if held { Ok(()) } else { Err(Error::Stale) }
     }
 
     async fn end(&self, claim: &Claim, outcome: Outcome) -> Result<()> {
@@ -228,21 +282,6 @@ impl Transaction<'_> {
         let mut data: Value =
             serde_json::from_str(&data).map_err(Error::inconsistent("events", "data"))?;
         Ok(data["reason"].take())
-    }
-
-    /// How long earlier attempts worked, in milliseconds: each from its first event to its last.
-    /// What lies between its last sign of life and the next attempt is no work.
-    async fn worked_ms(&mut self, id: &JobId, attempt: i64) -> Result<i64> {
-        Ok(sqlx::query_scalar(
-            "SELECT COALESCE(SUM(worked), 0) FROM
-                 (SELECT MAX(time) - MIN(time) AS worked FROM events
-                  WHERE job_id = ?1 AND attempt BETWEEN 1 AND ?2 - 1 AND event <> 'job.queued'
-                  GROUP BY attempt)",
-        )
-        .bind(id.as_str())
-        .bind(attempt)
-        .fetch_one(&mut *self.db)
-        .await?)
     }
 
     /// The job, if that attempt runs.

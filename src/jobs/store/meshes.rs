@@ -1,22 +1,18 @@
-//! Encoded meshes, kept in chunks, and trained models.
+//! Encoded meshes and trained models. Their bytes are objects.
 
 use sqlx::sqlite::SqliteRow;
 
 use super::Store;
+use super::objects::Kept;
 use super::row::{Columns, integer};
 use super::writer::Transaction;
-use crate::jobs::attempt::sha256_hex;
 use crate::jobs::{JobId, NewMesh, Result};
-
-/// Size of every chunk of a mesh but the last: large enough for ~155 MiB/s in and ~700 MiB/s out,
-/// small enough that a hundred downloads hold 25 MiB.
-pub const MESH_CHUNK_BYTES: usize = 256 * 1024;
 
 /// A mesh without its bytes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MeshInfo {
     /// Names the bytes, and never names others.
-    pub id: i64,
+    pub object: String,
     /// Function evaluation at which it was extracted; 0 is the result of the job.
     pub evaluation: u64,
     /// Number of vertices.
@@ -59,19 +55,14 @@ impl Store {
         row.as_ref().map(mesh_of).transpose()
     }
 
-    /// The bytes of a mesh from `position` · [`MESH_CHUNK_BYTES`] on, that many or to the end; none
-    /// past the end, and none when the mesh was erased meanwhile.
+    /// The bytes of a mesh from `position` · [`CHUNK_BYTES`](super::CHUNK_BYTES) on, that many or
+    /// to the end; none past the end, and none when the mesh was erased meanwhile.
     ///
     /// # Errors
     /// As every read.
-    pub async fn mesh_chunk(&self, mesh_id: i64, position: u64) -> Result<Option<Vec<u8>>> {
-        Ok(
-            sqlx::query_scalar("SELECT data FROM mesh_chunks WHERE mesh_id = ?1 AND position = ?2")
-                .bind(mesh_id)
-                .bind(integer(position))
-                .fetch_optional(self.readers())
-                .await?,
-        )
+    pub async fn mesh_chunk(&self, mesh: &MeshInfo, position: u64) -> Result<Option<Vec<u8>>> {
+        let position = integer(position);
+        self.inner.objects.chunk(&mesh.object, position).await
     }
 
     /// The trained network (safetensors) of a job that succeeded, and its hash.
@@ -79,12 +70,17 @@ impl Store {
     /// # Errors
     /// As every read.
     pub async fn model(&self, id: &JobId) -> Result<Option<(Vec<u8>, String)>> {
-        Ok(
-            sqlx::query_as("SELECT data, sha256 FROM models WHERE job_id = ?1")
-                .bind(id.as_str())
-                .fetch_optional(self.readers())
-                .await?,
-        )
+        let row = sqlx::query("SELECT * FROM models WHERE job_id = ?1")
+            .bind(id.as_str())
+            .fetch_optional(self.readers())
+            .await?;
+        let Some(row) = row else {
+            return Ok(None);
+        };
+        let columns = Columns::new("models", &row);
+        let data = self.inner.objects.whole(&columns.object()?).await?;
+        let sha256 = columns.get("sha256")?;
+        Ok(data.map(|data| (data, sha256)))
     }
 }
 
@@ -95,10 +91,12 @@ impl Transaction<'_> {
         id: &JobId,
         evaluation: u64,
         mesh: &NewMesh,
+        object: &Kept,
     ) -> Result<()> {
+        self.may_name(object).await?;
         for statement in [
-            "DELETE FROM mesh_chunks WHERE mesh_id IN
-                 (SELECT id FROM meshes WHERE job_id = ?1 AND evaluation = ?2)",
+            "INSERT INTO graves (key)
+                 SELECT object FROM meshes WHERE job_id = ?1 AND evaluation = ?2",
             "DELETE FROM meshes WHERE job_id = ?1 AND evaluation = ?2",
         ] {
             sqlx::query(statement)
@@ -107,36 +105,37 @@ impl Transaction<'_> {
                 .execute(&mut *self.db)
                 .await?;
         }
-        let mesh_id: i64 = sqlx::query_scalar(
-            "INSERT INTO meshes (job_id, evaluation, vertices, triangles, bytes, sha256, created_at)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7) RETURNING id",
+        sqlx::query(
+            "INSERT INTO meshes (job_id, evaluation, vertices, triangles, bytes, sha256,
+                 created_at, object)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
         )
         .bind(id.as_str())
         .bind(integer(evaluation))
         .bind(integer(mesh.vertices))
         .bind(integer(mesh.triangles))
-        .bind(mesh.data.len() as i64)
+        .bind(integer(object.bytes))
         .bind(&mesh.sha256)
         .bind(self.now)
-        .fetch_one(&mut *self.db)
+        .bind(&object.key)
+        .execute(&mut *self.db)
         .await?;
-        for (position, chunk) in (0_i64..).zip(mesh.data.chunks(MESH_CHUNK_BYTES)) {
-            sqlx::query("INSERT INTO mesh_chunks (mesh_id, position, data) VALUES (?1, ?2, ?3)")
-                .bind(mesh_id)
-                .bind(position)
-                .bind(chunk)
-                .execute(&mut *self.db)
-                .await?;
-        }
         Ok(())
     }
 
     /// Writes the trained network.
-    pub(super) async fn put_model(&mut self, id: &JobId, data: &[u8]) -> Result<()> {
-        sqlx::query("INSERT INTO models (job_id, data, sha256) VALUES (?1, ?2, ?3)")
+    pub(super) async fn put_model(
+        &mut self,
+        id: &JobId,
+        sha256: String,
+        object: &Kept,
+    ) -> Result<()> {
+        self.may_name(object).await?;
+        sqlx::query("INSERT INTO models (job_id, object, bytes, sha256) VALUES (?1, ?2, ?3, ?4)")
             .bind(id.as_str())
-            .bind(data)
-            .bind(sha256_hex(data))
+            .bind(&object.key)
+            .bind(integer(object.bytes))
+            .bind(sha256)
             .execute(&mut *self.db)
             .await?;
         Ok(())
@@ -146,7 +145,7 @@ impl Transaction<'_> {
 fn mesh_of(row: &SqliteRow) -> Result<MeshInfo> {
     let columns = Columns::new("meshes", row);
     Ok(MeshInfo {
-        id: columns.get("id")?,
+        object: columns.get("object")?,
         evaluation: columns.count("evaluation")?,
         vertices: columns.count("vertices")?,
         triangles: columns.count("triangles")?,

@@ -2,21 +2,26 @@
 //!
 //! A [`Store`] is one process's hold on the database `meshway.db` of a data folder: one connection
 //! that writes, in a task of its own (see `writer.rs`), and four that read. Readers hold no
-//! transaction from one call to the next, so the write-ahead log can always be checkpointed. Space
-//! of erased rows is used again and not given back to the file system.
+//! transaction from one call to the next, so the write-ahead log can always be checkpointed. Beside
+//! it, `content.db` has the bytes of meshes, models and checkpoints (`objects.rs`), which rows name
+//! (`graves.rs`). Both give the space of what was erased back to the file system.
 //!
 //! The migrations run inside one IMMEDIATE transaction, so that processes that open a new folder at
 //! the same moment do not both create the tables.
 
 mod attempts;
+mod ballast;
 mod checkpoints;
 mod clouds;
 mod events;
+mod graves;
 mod idempotency;
 mod jobs;
 mod leases;
+mod lift;
 mod meshes;
 mod metrics;
+mod objects;
 mod origin;
 mod outcome;
 mod row;
@@ -31,30 +36,38 @@ use std::time::{Duration, Instant};
 use futures_util::future::BoxFuture;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::sqlite::{
-    SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
+    SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
+    SqliteSynchronous,
 };
 use sqlx::{ConnectOptions, SqlSafeStr, SqliteConnection};
-use tokio::sync::watch;
+use tokio::sync::{Mutex, watch};
 
 pub use checkpoints::Checkpoint;
 pub use events::Event;
 pub use idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};
-pub use meshes::{MESH_CHUNK_BYTES, MeshInfo};
+pub use meshes::MeshInfo;
+pub use objects::CHUNK_BYTES;
 pub use origin::is_ours;
 
 use super::clock::{self, Clock};
 use super::{Error, Result};
+use ballast::Ballast;
+use graves::{Burial, Undertaker};
+use objects::Objects;
 use shredder::Shredder;
 use writer::{Transaction, Writer};
 
 /// File of the database in the data folder.
 pub const DATABASE_FILE: &str = "meshway.db";
 
+/// File of the large content in the data folder.
+pub const CONTENT_FILE: &str = "content.db";
+
 /// Connections that read: a read takes well under a millisecond, so four serve thousands a second.
 const READERS: u32 = 4;
 
-/// The write-ahead log is cut to this size after a checkpoint: a large mesh leaves a large log.
-const LOG_LIMIT_BYTES: &str = "67108864";
+/// The write-ahead log is cut to this size after a checkpoint.
+const LOG_LIMIT_BYTES: &str = "8388608";
 
 /// What the store is told.
 #[derive(Clone)]
@@ -69,6 +82,10 @@ pub struct Options {
     pub metrics_limit: i64,
     /// How long a write waits for another process before it fails with `Busy`.
     pub busy_timeout: Duration,
+    /// The name of the process: what it leaves unfinished is found by it.
+    pub process: String,
+    /// Bytes of the disk that are set aside for erasing on a full one.
+    pub ballast_bytes: u64,
     /// The time, in milliseconds since the epoch.
     pub clock: Clock,
 }
@@ -82,10 +99,15 @@ impl Default for Options {
             metrics_limit: 200_000,
             // Below the lease of 6 s: a worker learns that it could not renew before it lost it.
             busy_timeout: Duration::from_secs(5),
+            process: String::new(),
+            ballast_bytes: 0,
             clock: Arc::new(clock::now),
         }
     }
 }
+
+/// What is done in a transaction.
+type Work<T> = Box<dyn for<'c> FnOnce(Transaction<'c>) -> BoxFuture<'c, Result<T>> + Send>;
 
 /// A process's hold on the database; clones share it.
 #[derive(Clone)]
@@ -100,9 +122,11 @@ const OPENING: u32 = 4;
 const PAUSE: Duration = Duration::from_millis(20);
 
 struct Inner {
-    writer: Writer,
+    writer: Arc<Writer>,
     readers: SqlitePool,
-    shredder: Shredder,
+    objects: Arc<Objects>,
+    burial: Arc<Burial>,
+    undertaker: Undertaker,
     changed: watch::Sender<u64>,
     options: Arc<Options>,
 }
@@ -113,22 +137,14 @@ impl Store {
     ///
     /// # Errors
     /// `Busy` where other processes still migrate after several times the busy timeout; `Migration` if the file is of a later version;
-    /// `Database` if it is none of ours or cannot be opened.
+    /// `Full` if content from before cannot be moved; `Database` if it is none of ours or cannot be opened.
     pub async fn open(data_dir: &Path, options: Options) -> Result<Self> {
-        let connect = SqliteConnectOptions::new()
-            .filename(data_dir.join(DATABASE_FILE))
-            .foreign_keys(true)
-            .busy_timeout(options.busy_timeout)
-            .disable_statement_logging();
-        let writing = connect
-            .clone()
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .pragma("journal_size_limit", LOG_LIMIT_BYTES)
-            // What a user erases is overwritten: meshes of patients do not stay in free pages.
-            .pragma("secure_delete", "ON");
-        let db = migrated(&writing, OPENING * options.busy_timeout).await?;
+        let options = Arc::new(options);
+        let connect = connect_options(&data_dir.join(DATABASE_FILE), &options);
+        let patience = OPENING * options.busy_timeout;
+        let mut db = migrated(&writing(&connect), &MIGRATIONS, patience).await?;
+        let objects = Arc::new(Objects::open(data_dir, &options).await?);
+        lift::lift(&mut db, &objects).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             .acquire_timeout(options.busy_timeout)
@@ -136,14 +152,24 @@ impl Store {
             .max_lifetime(None)
             .connect_with(connect.clone().read_only(true))
             .await?;
-        let options = Arc::new(options);
         let (changed, _) = watch::channel(0);
         let writer = Writer::start(db, Arc::clone(&options), changed.clone());
+        let writer = Arc::new(writer);
+        let burial = Arc::new(Burial {
+            writer: Arc::clone(&writer),
+            readers: readers.clone(),
+            objects: Arc::clone(&objects),
+            ballast: Ballast::new(data_dir, options.ballast_bytes),
+            logs: [connect, Objects::connect(data_dir, &options)].map(Shredder::start),
+            turn: Mutex::default(),
+        });
         Ok(Self {
             inner: Arc::new(Inner {
+                undertaker: Undertaker::start(Arc::clone(&burial), changed.subscribe()),
                 writer,
                 readers,
-                shredder: Shredder::start(connect),
+                objects,
+                burial,
                 changed,
                 options,
             }),
@@ -152,7 +178,9 @@ impl Store {
 
     /// Finishes the writes that wait and closes all connections; later calls get `Closed`.
     pub async fn close(&self) {
-        self.inner.shredder.stop();
+        self.inner.undertaker.stop();
+        self.inner.burial.logs.iter().for_each(Shredder::stop);
+        self.inner.objects.close().await;
         self.inner.readers.close().await;
         self.inner.writer.close().await;
     }
@@ -168,9 +196,9 @@ impl Store {
         self.inner.changed.send_modify(|commits| *commits += 1);
     }
 
-    /// Overwrites what was erased in the write-ahead log, too, soon and in the background.
+    /// Overwrites what was erased in the write-ahead logs, too, soon and in the background.
     pub fn shred(&self) {
-        self.inner.shredder.wake();
+        self.inner.burial.logs.iter().for_each(Shredder::wake);
     }
 
     /// The store's time, in milliseconds since the epoch.
@@ -194,17 +222,83 @@ impl Store {
         self.inner.writer.write(work).await
     }
 
+    /// As [`Store::write`], for work that gives space back: on a full disk it may use the room that
+    /// is set aside.
+    async fn erase<T>(&self, work: impl Fn() -> Work<T>) -> Result<T>
+    where
+        T: Send + 'static,
+    {
+        match self.write(work()).await {
+            Err(Error::Full(_)) if self.inner.burial.ballast.release() => self.write(work()).await,
+            result => result,
+        }
+    }
+
     fn readers(&self) -> &SqlitePool {
         &self.inner.readers
     }
 }
 
+/// How a database is opened.
+fn connect_options(file: &Path, options: &Options) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(file)
+        .foreign_keys(true)
+        .busy_timeout(options.busy_timeout)
+        .disable_statement_logging()
+}
+
+/// How it is opened to be written.
+fn writing(connect: &SqliteConnectOptions) -> SqliteConnectOptions {
+    connect
+        .clone()
+        .create_if_missing(true)
+        .auto_vacuum(SqliteAutoVacuum::Incremental)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .pragma("journal_size_limit", LOG_LIMIT_BYTES)
+        // What a user erases is overwritten: meshes of patients do not stay in free pages.
+        .pragma("secure_delete", "ON")
+}
+
+/// Names and texts of the migrations, in their order.
+type Migrations = [(&'static str, &'static str)];
+
+const MIGRATIONS: [(&str, &str); 7] = [
+    ("init", include_str!("../../../migrations/0001_init.sql")),
+    (
+        "erased_clouds",
+        include_str!("../../../migrations/0002_erased_clouds.sql"),
+    ),
+    (
+        "answers_about_clouds",
+        include_str!("../../../migrations/0003_answers_about_clouds.sql"),
+    ),
+    (
+        "jobs_by_verdict",
+        include_str!("../../../migrations/0004_jobs_by_verdict.sql"),
+    ),
+    (
+        "metrics_of_blocks",
+        include_str!("../../../migrations/0005_metrics_of_blocks.sql"),
+    ),
+    ("work", include_str!("../../../migrations/0006_work.sql")),
+    (
+        "objects",
+        include_str!("../../../migrations/0007_objects.sql"),
+    ),
+];
+
 /// A connection to the database, migrated. SQLite refuses to change the journal of a new database while another
 /// process does so, without waiting; and migrations of several processes take their time one after the other.
-async fn migrated(options: &SqliteConnectOptions, patience: Duration) -> Result<SqliteConnection> {
+async fn migrated(
+    options: &SqliteConnectOptions,
+    migrations: &Migrations,
+    patience: Duration,
+) -> Result<SqliteConnection> {
     let once = async || -> Result<SqliteConnection> {
         let mut db = options.connect().await?;
-        migrate(&mut db).await?;
+        migrate(&mut db, migrations).await?;
         Ok(db)
     };
     let start = Instant::now();
@@ -216,30 +310,11 @@ async fn migrated(options: &SqliteConnectOptions, patience: Duration) -> Result<
     }
 }
 
-async fn migrate(db: &mut SqliteConnection) -> Result<()> {
-    let migrations = [
-        ("init", include_str!("../../../migrations/0001_init.sql")),
-        (
-            "erased_clouds",
-            include_str!("../../../migrations/0002_erased_clouds.sql"),
-        ),
-        (
-            "answers_about_clouds",
-            include_str!("../../../migrations/0003_answers_about_clouds.sql"),
-        ),
-        (
-            "jobs_by_verdict",
-            include_str!("../../../migrations/0004_jobs_by_verdict.sql"),
-        ),
-        (
-            "metrics_of_blocks",
-            include_str!("../../../migrations/0005_metrics_of_blocks.sql"),
-        ),
-    ];
+async fn migrate(db: &mut SqliteConnection, migrations: &Migrations) -> Result<()> {
     let migrator = Migrator::with_migrations(
         (1..)
             .zip(migrations)
-            .map(|(version, (name, sql))| {
+            .map(|(version, &(name, sql))| {
                 // No transaction of its own: it runs inside the one below.
                 let own_transaction = true;
                 Migration::new(

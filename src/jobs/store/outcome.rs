@@ -91,10 +91,7 @@ impl Transaction<'_> {
             return Err(Error::Stale);
         }
         if status.is_final() {
-            sqlx::query("DELETE FROM checkpoints WHERE job_id = ?1")
-                .bind(fence.id.as_str())
-                .execute(&mut *self.db)
-                .await?;
+            self.bury_checkpoint(fence.id).await?;
         }
         let (event, data) = match outcome {
             Outcome::Requeued { reason } => {

@@ -6,6 +6,7 @@ use serde::de::DeserializeOwned;
 use sqlx::sqlite::{Sqlite, SqliteRow};
 use sqlx::{Decode, Row, Type};
 
+use super::objects::Kept;
 use crate::jobs::{Error, Result};
 
 /// A row of a known table.
@@ -72,6 +73,14 @@ impl<'r> Columns<'r> {
             .map(|name| serde_json::from_value(name.into()))
             .transpose()
             .map_err(Error::inconsistent(self.table, column))
+    }
+
+    /// The object that the row names.
+    pub(super) fn object(self) -> Result<Kept> {
+        Ok(Kept {
+            key: self.get("object")?,
+            bytes: self.count("bytes")?,
+        })
     }
 
     /// A value that must not be missing.

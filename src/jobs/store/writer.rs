@@ -93,6 +93,34 @@ impl Writer {
         answer.await.unwrap_or(Err(Error::Closed))
     }
 
+    /// Gives free pages back to the file system, a few in each transaction, until no more than so
+    /// many are left.
+    ///
+    /// # Errors
+    /// As every write.
+    pub(super) async fn vacuum(&self, keep: i64) -> Result<()> {
+        let mut before = i64::MAX;
+        loop {
+            let left = self.write(move |tx| {
+                Box::pin(async move {
+                    let count = "PRAGMA freelist_count";
+                    let free: i64 = sqlx::query_scalar(count).fetch_one(&mut *tx.db).await?;
+                    if free > keep {
+                        let give_back = "PRAGMA incremental_vacuum(64)";
+                        sqlx::query(give_back).execute(tx.db).await?;
+                    }
+                    Ok(free)
+                })
+            });
+            let left = left.await?;
+            // A database that cannot shrink keeps them.
+            if left <= keep || left >= before {
+                return Ok(());
+            }
+            before = left;
+        }
+    }
+
     /// Refuses new requests, finishes those that wait, and closes the connection.
     pub(super) async fn close(&self) {
         self.stop.cancel();

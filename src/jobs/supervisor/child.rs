@@ -9,11 +9,10 @@ use rustix::process::{Pid, Signal, kill_process};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::process::{ChildStdin, ChildStdout, Command};
 use tokio::time::MissedTickBehavior;
-use tokio_util::sync::CancellationToken;
 
-use super::{Options, Supervisor, memory};
+use super::{Living, Options, Supervisor, memory};
 use crate::jobs::FailureReason;
-use crate::jobs::worker::worker_name;
+use crate::jobs::worker::{SIGN_OF_LIFE, worker_name};
 
 /// Time between two looks at the memory: what a worker can take in it, it may overrun its limit by.
 const MEMORY_LOOK: Duration = Duration::from_millis(250);
@@ -61,7 +60,7 @@ impl Child {
     pub(super) async fn attend(
         mut self,
         supervisor: &Supervisor,
-        condemned: &CancellationToken,
+        living: &Living,
     ) -> FailureReason {
         let mut ring = supervisor.ring.subscribe();
         let mut look = tokio::time::interval(MEMORY_LOOK);
@@ -79,14 +78,19 @@ impl Child {
                     return killed.unwrap_or_else(|| crash(status.ok()));
                 }
                 line = self.stdout.next_line(), if talking => match line {
-                    Ok(Some(_)) => supervisor.store.wake(),
+                    Ok(Some(line)) => {
+                        living.pulse.heard();
+                        if line != SIGN_OF_LIFE {
+                            supervisor.store.wake();
+                        }
+                    }
                     Ok(None) | Err(_) => talking = false,
                 },
                 Ok(()) = ring.changed() => self.wake().await,
                 _ = look.tick(), if killed.is_none() => {
                     killed = self.check_memory(supervisor.options.memory_limit_bytes);
                 }
-                () = condemned.cancelled(), if killed.is_none() => {
+                () = living.condemned.cancelled(), if killed.is_none() => {
                     self.kill();
                     killed = Some(FailureReason::Unresponsive);
                 }

@@ -7,10 +7,13 @@
 //! would do the same.
 //!
 //! A worker that dies holds a job that nobody works on: it is settled at once, not when its lease
-//! runs out. The leases are for what nobody sees: a worker that is stopped, or the death of both.
+//! runs out. The leases are for what nobody sees: a worker that is stopped, or the death of both. A
+//! worker that gives signs of life keeps its job although its lease ran out: a slow disk delays
+//! renewals, and the time of day jumps when a machine wakes.
 
 mod child;
 mod memory;
+mod pulse;
 mod sweep;
 
 use std::collections::BTreeMap;
@@ -28,6 +31,7 @@ use tokio_util::task::TaskTracker;
 
 use super::{Error, FailureReason, Store};
 use child::Child;
+use pulse::Pulse;
 
 /// First pause before a worker is started again; it doubles with each early death.
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
@@ -68,13 +72,20 @@ pub struct Workers {
     pub restarts: u64,
 }
 
+/// A worker process that has not ended.
+#[derive(Clone, Default)]
+struct Living {
+    pulse: Pulse,
+    condemned: CancellationToken,
+}
+
 /// Keeps the worker processes of a service.
 pub struct Supervisor {
     store: Store,
     options: Options,
     shutdown: CancellationToken,
-    /// Living workers by name, each with what condemns it.
-    living: Mutex<BTreeMap<String, CancellationToken>>,
+    /// Living workers by name.
+    living: Mutex<BTreeMap<String, Living>>,
     busy: AtomicU32,
     restarts: AtomicU64,
     seen: watch::Sender<Workers>,
@@ -146,17 +157,21 @@ impl Supervisor {
     /// Stays with a worker to its end, and settles what it leaves.
     async fn attend(&self, child: Child) {
         let name = child.name().to_owned();
-        let condemned = CancellationToken::new();
-        self.living().insert(name.clone(), condemned.clone());
+        let living = Living::default();
+        self.living().insert(name.clone(), living.clone());
         self.publish();
         tracing::info!(worker = %name, "a worker was started");
-        let reason = child.attend(self, &condemned).await;
+        let reason = child.attend(self, &living).await;
         self.living().remove(&name);
         self.publish();
         if !self.shutdown.is_cancelled() {
             tracing::warn!(worker = %name, ?reason, "a worker ended");
         }
         self.settle(&name, &reason).await;
+        // It may have died while it wrote some.
+        if let Err(error) = self.store.collect_garbage(Some(&name)).await {
+            tracing::warn!(worker = %name, error.message = %error, "content without a row stays");
+        }
     }
 
     /// Counts a failed attempt for the job that a dead worker held.
@@ -198,7 +213,7 @@ impl Supervisor {
         }
     }
 
-    fn living(&self) -> std::sync::MutexGuard<'_, BTreeMap<String, CancellationToken>> {
+    fn living(&self) -> std::sync::MutexGuard<'_, BTreeMap<String, Living>> {
         self.living.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -1,11 +1,14 @@
 //! Leases that ran out, and who let them.
 
+use std::collections::BTreeSet;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use tokio::time::MissedTickBehavior;
 
 use super::Supervisor;
+use super::pulse::Pulse;
+use crate::jobs::worker::LEASE_MS;
 use crate::jobs::{Job, JobFilter, Status};
 
 const INTERVAL: Duration = Duration::from_secs(1);
@@ -14,20 +17,30 @@ const RUNNING_AT_MOST: u32 = 1_000;
 
 impl Supervisor {
     /// Looks at all running jobs, again and again: a job whose lease ran out goes back into the
-    /// queue, and a living worker that let it run out is killed, for it does not answer.
+    /// queue, and a living worker that let it run out is killed if it gives no sign of life.
     pub(super) async fn sweep(&self) {
         let mut interval = tokio::time::interval(INTERVAL);
         interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             interval.tick().await;
+            if let Err(error) = self.store.cut_leases(LEASE_MS).await {
+                tracing::warn!(error.message = %error, "leases far ahead were not cut");
+            }
             let running = self.running().await;
+            let (alive, silent) = self.look();
             let now = self.store.now();
             for job in &running {
-                if job.lease_until.is_some_and(|until| until < now) {
+                let expired = job.lease_until.is_some_and(|until| until < now);
+                if expired
+                    && job
+                        .worker
+                        .as_ref()
+                        .is_some_and(|name| silent.contains(name))
+                {
                     self.condemn(job);
                 }
             }
-            match self.store.reap_expired().await {
+            match self.store.reap_expired(alive).await {
                 Ok(reaped) => {
                     for job in reaped {
                         tracing::warn!(%job, "a lease ran out");
@@ -38,6 +51,17 @@ impl Supervisor {
             self.busy.store(self.held(&running), Ordering::Relaxed);
             self.publish();
         }
+    }
+
+    /// Feels the pulse of the living workers: those that give signs of life, and the others.
+    fn look(&self) -> (BTreeSet<String>, BTreeSet<String>) {
+        let living = self.living();
+        let workers = living.iter().map(|(name, worker)| (name, &worker.pulse));
+        let (alive, silent): (Vec<_>, Vec<_>) = workers.partition(|(_, pulse)| pulse.look());
+        let names = |workers: Vec<(&String, &Pulse)>| {
+            workers.into_iter().map(|(name, _)| name.clone()).collect()
+        };
+        (names(alive), names(silent))
     }
 
     /// The running jobs; none when the database does not answer.
@@ -55,9 +79,9 @@ impl Supervisor {
 
     fn condemn(&self, job: &Job) {
         let living = self.living();
-        if let Some(condemned) = job.worker.as_ref().and_then(|name| living.get(name)) {
+        if let Some(worker) = job.worker.as_ref().and_then(|name| living.get(name)) {
             tracing::error!(job = %job.id, worker = ?job.worker, "a worker does not answer");
-            condemned.cancel();
+            worker.condemned.cancel();
         }
     }
 

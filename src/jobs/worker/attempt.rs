@@ -4,6 +4,7 @@ use std::future::Future;
 use std::sync::Arc;
 use std::time::Duration;
 
+use bytes::Bytes;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::MissedTickBehavior;
 use tokio_util::task::AbortOnDropHandle;
@@ -180,6 +181,7 @@ impl<'a> Attempt<'a> {
             Message::Checkpoint { evaluation, data } => {
                 // An attempt that starts from it keeps the rows up to it: they come first.
                 self.flush().await;
+                let data = Bytes::from(data);
                 let put = || {
                     let (store, claim) = (&self.worker.store, &self.claim);
                     store.put_checkpoint(claim, evaluation, data.clone())

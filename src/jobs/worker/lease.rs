@@ -1,7 +1,7 @@
 //! Holding a job: renewals, and hearing that a client wants it to end.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::sync::watch;
 use tokio::time::MissedTickBehavior;
@@ -10,7 +10,7 @@ use super::control::{Control, Stop};
 use crate::jobs::{Claim, Lease, Lookup, Status, Store};
 
 /// How long a job is held without a renewal, in milliseconds: three renewals may be lost.
-pub(super) const LEASE_MS: i64 = 6_000;
+pub const LEASE_MS: i64 = 6_000;
 /// Time between two renewals; also the longest that a cancellation goes unheard.
 const RENEWAL: Duration = Duration::from_millis(1_500);
 
@@ -24,6 +24,7 @@ pub(super) async fn hold(
     let mut renewal = tokio::time::interval(RENEWAL);
     renewal.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut awake = true;
+    let begun = Instant::now();
     loop {
         let due = tokio::select! {
             _ = renewal.tick() => true,
@@ -33,7 +34,9 @@ pub(super) async fn hold(
             }
         };
         let lease = if due {
-            store.renew(&claim, LEASE_MS).await
+            store
+                .renew(&claim, LEASE_MS, claim.worked + begun.elapsed())
+                .await
         } else {
             // A look costs no write; wake-ups come for other jobs too.
             store

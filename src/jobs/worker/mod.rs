@@ -23,11 +23,15 @@ use tokio_util::sync::CancellationToken;
 use super::{JobId, Result, Store};
 use attempt::Attempt;
 
+pub use lease::LEASE_MS;
 pub use script::{InvalidScript, Script};
 pub use work::{Assignment, Failure, Product, Work, reconstruction};
 
 /// Pause between two looks at an empty queue; what a lost wake-up costs.
 const POLL: Duration = Duration::from_secs(1);
+
+/// Line that a worker process writes to its standard output every second.
+pub const SIGN_OF_LIFE: &str = "A";
 
 /// What a worker is told.
 #[derive(Debug, Clone)]
@@ -98,7 +102,7 @@ impl Worker {
         while !self.signals.stopping.is_cancelled() {
             // What comes after this look wakes the wait below.
             wake.mark_unchanged();
-            match self.store.claim(&self.options.name, lease::LEASE_MS).await {
+            match self.store.claim(&self.options.name, LEASE_MS).await {
                 Ok(Some(claim)) => {
                     if Attempt::new(self, claim).run().await == End::Hung {
                         return Ok(End::Hung);

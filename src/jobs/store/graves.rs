@@ -1,0 +1,246 @@
+//! What keeps rows and objects together: bytes come before their row and go after it.
+//!
+//! A key is made once, its bytes are written once, and at most one row ever names it. A row that
+//! goes, or names another object, puts the old key among the graves in the same transaction; the
+//! bytes are removed after it, and whoever dies in between leaves the grave to the next one.
+//!
+//! An object without a row is one that is about to be named, or that nobody will name any more
+//! because its process died. Which of them cannot be seen; so taking it for garbage is a transaction
+//! that finds no row with its key and refuses the key for ever. One that would name it later finds
+//! that, and writes its bytes again under another key. Nothing that is named is ever removed.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::Bytes;
+use futures_util::future::BoxFuture;
+use sqlx::sqlite::SqlitePool;
+use tokio::sync::{Mutex, watch};
+use tokio_util::task::AbortOnDropHandle;
+
+use super::Store;
+use super::ballast::Ballast;
+use super::objects::{Kept, Objects, new_key};
+use super::shredder::Shredder;
+use super::writer::{Transaction, Writer};
+use crate::jobs::{Error, Result};
+
+/// Graves that are read at a time, and keys that are looked at in one transaction.
+const AT_ONCE: usize = 256;
+
+/// Free pages that the database of the rows keeps for the next ones: 1 MiB.
+const FREE_PAGES: i64 = 256;
+
+/// Pause before another try after an error.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// Removes the bytes of keys that are in their graves.
+pub(super) struct Burial {
+    pub(super) writer: Arc<Writer>,
+    pub(super) readers: SqlitePool,
+    pub(super) objects: Arc<Objects>,
+    pub(super) ballast: Ballast,
+    /// The logs of both databases.
+    pub(super) logs: [Shredder; 2],
+    /// One at a time.
+    pub(super) turn: Mutex<()>,
+}
+
+impl Burial {
+    /// Removes all of them, and gives their space back.
+    pub(super) async fn run(&self) -> Result<()> {
+        let _turn = self.turn.lock().await;
+        loop {
+            match self.once().await {
+                // What is set aside is for this: removing needs some room before it gives any.
+                Err(Error::Full(_)) if self.ballast.release() => {}
+                result => {
+                    self.logs.iter().for_each(Shredder::wake);
+                    return result.inspect(|()| self.ballast.fill());
+                }
+            }
+        }
+    }
+
+    async fn run_if_needed(&self) -> Result<()> {
+        let select = "SELECT EXISTS (SELECT 1 FROM graves)";
+        if sqlx::query_scalar(select).fetch_one(&self.readers).await? {
+            self.run().await?;
+        }
+        Ok(())
+    }
+
+    async fn once(&self) -> Result<()> {
+        loop {
+            let select = "SELECT key FROM graves ORDER BY key LIMIT ?1";
+            let keys: Vec<String> = sqlx::query_scalar(select)
+                .bind(AT_ONCE as i64)
+                .fetch_all(&self.readers)
+                .await?;
+            if keys.is_empty() {
+                break;
+            }
+            for key in &keys {
+                self.objects.remove(key).await?;
+            }
+            self.objects.vacuum().await?;
+            let close = self.writer.write(move |tx| {
+                Box::pin(async move {
+                    for key in &keys {
+                        sqlx::query("DELETE FROM graves WHERE key = ?1")
+                            .bind(key)
+                            .execute(&mut *tx.db)
+                            .await?;
+                    }
+                    Ok(())
+                })
+            });
+            close.await?;
+        }
+        self.objects.vacuum().await?;
+        self.writer.vacuum(FREE_PAGES).await
+    }
+}
+
+/// Buries in the background, whoever made the graves: after each commit that this process makes or
+/// hears of it looks for some.
+pub(super) struct Undertaker(AbortOnDropHandle<()>);
+
+impl Undertaker {
+    /// Starts the task. Needs a tokio runtime.
+    pub(super) fn start(burial: Arc<Burial>, mut changed: watch::Receiver<u64>) -> Self {
+        changed.mark_changed();
+        Self(AbortOnDropHandle::new(tokio::spawn(async move {
+            while changed.changed().await.is_ok() {
+                while let Err(error) = burial.run_if_needed().await {
+                    tracing::debug!(%error, "erased content cannot be removed yet");
+                    tokio::time::sleep(PAUSE).await;
+                }
+            }
+        })))
+    }
+
+    /// Ends the task; the graves stay for the next process.
+    pub(super) fn stop(&self) {
+        self.0.abort();
+    }
+}
+
+impl Store {
+    /// Writes bytes that a row is to name.
+    pub(super) async fn put_object(&self, data: Bytes) -> Result<Kept> {
+        let key = new_key();
+        match self.inner.objects.put(&key, data).await {
+            Ok(kept) => Ok(kept),
+            Err(error) => {
+                self.discard(vec![key]).await;
+                Err(error)
+            }
+        }
+    }
+
+    /// Runs a transaction that names objects. If it fails they are garbage.
+    pub(super) async fn name<T, F>(&self, objects: &[&Kept], work: F) -> Result<T>
+    where
+        T: Send + 'static,
+        F: for<'c> FnOnce(Transaction<'c>) -> BoxFuture<'c, Result<T>> + Send + 'static,
+    {
+        let named = self.write(work).await;
+        // Also where the answer to the commit was lost: one that is named after all stays.
+        if named.is_err() {
+            let keys = objects.iter().map(|object| object.key.clone());
+            self.discard(keys.collect()).await;
+        }
+        named
+    }
+
+    /// Removes objects that no row names, of all processes or of one that has ended; returns their
+    /// number. Processes that are about to name theirs write them again.
+    ///
+    /// # Errors
+    /// As every read and every write.
+    pub async fn collect_garbage(&self, made_by: Option<&str>) -> Result<u64> {
+        let mut found = 0;
+        for keys in self.inner.objects.keys(made_by).await?.chunks(AT_ONCE) {
+            found += self.refuse(keys.to_vec()).await?;
+        }
+        Ok(found)
+    }
+
+    /// Removes at once what was erased just now; what cannot be, later.
+    pub(super) async fn bury(&self) {
+        if let Err(error) = self.inner.burial.run().await {
+            tracing::warn!(error.message = %error, "erased content is removed later");
+        }
+    }
+
+    /// As for garbage of which it is known that nobody will name it. After an error it stays until
+    /// all is looked at.
+    pub(super) async fn discard(&self, keys: Vec<String>) {
+        if let Err(error) = self.refuse(keys).await {
+            tracing::debug!(%error, "content without a row stays for now");
+        }
+    }
+
+    async fn refuse(&self, keys: Vec<String>) -> Result<u64> {
+        let unnamed = async |store: &Self| -> Result<bool> {
+            for key in &keys {
+                if !is_named(store.readers(), key).await? {
+                    return Ok(true);
+                }
+            }
+            Ok(false)
+        };
+        // The usual case takes no lock.
+        if !unnamed(self).await? {
+            return Ok(0);
+        }
+        self.write(move |tx| {
+            Box::pin(async move {
+                let mut found = 0;
+                for key in &keys {
+                    if is_named(&mut *tx.db, key).await? {
+                        continue;
+                    }
+                    for statement in [
+                        "INSERT INTO refused (key) VALUES (?1) ON CONFLICT DO NOTHING",
+                        "INSERT INTO graves (key) VALUES (?1) ON CONFLICT DO NOTHING",
+                    ] {
+                        sqlx::query(statement)
+                            .bind(key)
+                            .execute(&mut *tx.db)
+                            .await?;
+                    }
+                    found += 1;
+                }
+                Ok(found)
+            })
+        })
+        .await
+    }
+}
+
+impl Transaction<'_> {
+    /// Lets a row of this transaction name the object.
+    ///
+    /// # Errors
+    /// `Busy` if it was taken for garbage: its bytes are to be written again.
+    pub(super) async fn may_name(&mut self, object: &Kept) -> Result<()> {
+        let select = "SELECT EXISTS (SELECT 1 FROM refused WHERE key = ?1)";
+        let refused: bool = sqlx::query_scalar(select)
+            .bind(&object.key)
+            .fetch_one(&mut *self.db)
+            .await?;
+        if refused { Err(Error::Busy) } else { Ok(()) }
+    }
+}
+
+async fn is_named<'e>(
+    db: impl sqlx::Executor<'e, Database = sqlx::Sqlite>,
+    key: &str,
+) -> Result<bool> {
+    let select = "SELECT EXISTS (SELECT 1 FROM meshes WHERE object = ?1)
+                      OR EXISTS (SELECT 1 FROM models WHERE object = ?1)
+                      OR EXISTS (SELECT 1 FROM checkpoints WHERE object = ?1)";
+    Ok(sqlx::query_scalar(select).bind(key).fetch_one(db).await?)
+}
