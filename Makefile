@@ -1,12 +1,14 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup build test demo contract check bench bench-engines bench-quality bench-service soak deny clean
+.PHONY: help setup build install dist test demo contract check bench bench-engines bench-quality bench-service soak deny clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo    build, reconstruct an example cloud, print its report"
 	@echo "make test    all tests"
 	@echo "make build   the release binary, target/release/meshway"
-	@echo "make contract  requests made up from openapi.yaml against a served instance (Schemathesis)"
+	@echo "make install PREFIX=/usr/local  the program, its libraries, man pages and completions"
+	@echo "make dist    a tarball of the same, which runs from any folder and for any user"
+	@echo "make contract  requests made up from openapi.yaml against a served instance (Schemathesis), and a generated client"
 	@echo "make bench   benchmarks (criterion); tables are in docs/benchmarks.md"
 	@echo "make bench-engines  loss and gradient beside PyTorch and JAX, which it installs under target/"
 	@echo "make bench-quality BENCH=FOLDER  clouds with true surfaces, beside what other tools reached;"
@@ -22,6 +24,14 @@ setup:
 build: setup
 	cargo build --release --locked
 
+PREFIX ?= /usr/local
+
+install:
+	@./scripts/install.sh $(PREFIX)
+
+dist: build
+	@./scripts/dist.sh
+
 test: setup
 	cargo test --locked
 
@@ -30,6 +40,7 @@ demo: build
 
 contract: build
 	@./scripts/schemathesis.sh
+	@./scripts/client.sh
 
 check: setup
 	cargo fmt --check

@@ -20,24 +20,7 @@ if [ ! -x "$tools/bin/schemathesis" ]; then
   "$tools/bin/pip" install --quiet --disable-pip-version-check "schemathesis==$version"
 fi
 
-work=$(mktemp -d)
-server=
-tidy() {
-  [ -z "$server" ] || { kill "$server" 2>/dev/null || true; wait "$server" 2>/dev/null || true; }
-  rm -rf "$work"
-}
-trap tidy EXIT
-# A small reserve and short waits: the machine of the check is not the service's.
-"$program" serve --listen 127.0.0.1:0 --data-dir "$work/data" --disk-reserve-mib 1 \
-  --disk-reserve-percent 0 --max-streams 50 > "$work/log" 2>&1 &
-server=$!
-for _ in $(seq 100); do
-  address=$(grep -o 'http://127[.]0[.]0[.]1:[0-9]*' "$work/log" | head -1 || true)
-  [ -n "$address" ] && break
-  kill -0 "$server" 2>/dev/null || { cat "$work/log" >&2; fail "the service did not start"; }
-  sleep 0.1
-done
-[ -n "$address" ] || fail "the service did not say where it listens"
+. "$root/scripts/served.sh"
 
 # A job to ask about: made-up ids only ever meet 404.
 "$program" sample sphere --points 500 --output "$work/sphere.ply" >/dev/null

@@ -80,8 +80,8 @@ fn compare(mesh: &TriangleMesh, reference: &str, arguments: &Arguments) -> Resul
         // Not a mesh: perhaps a cloud, whose readers know more formats.
         _ => {
             let (cloud, ..) = read_cloud(path)?;
-            let judge = Judge::new(mesh, seed).ok_or_else(no_area)?;
-            let comparison = judge.compare(&cloud.points, &cloud.points);
+            let judge = Judge::new(mesh, &cloud.points, seed).ok_or_else(no_area)?;
+            let comparison = judge.compare(0..cloud.points.len(), &cloud.points);
             json(&comparison.ok_or_else(no_area)?)
         }
     }

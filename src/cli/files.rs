@@ -1,7 +1,7 @@
 //! Files in and out: whole inputs, and outputs that are there completely or not at all.
 
 use std::fs;
-use std::io::{self, BufWriter, IsTerminal, Write};
+use std::io::{self, BufWriter, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
@@ -10,9 +10,15 @@ use super::Failure;
 use crate::reconstruction::Input;
 use crate::reconstruction::cloud::{self, PointCloud};
 
-/// Reads a whole file.
+/// Reads a whole file, or standard input for `-`.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
-    fs::read(path).map_err(|error| Failure::input(path, format!("cannot be read: {error}")))
+    let bytes = if path == Path::new("-") {
+        let mut bytes = Vec::new();
+        io::stdin().lock().read_to_end(&mut bytes).map(|_| bytes)
+    } else {
+        fs::read(path)
+    };
+    bytes.map_err(|error| Failure::input(path, format!("cannot be read: {error}")))
 }
 
 /// Reads a point cloud, with what the report records of its file.
@@ -40,8 +46,8 @@ pub(super) enum Sink {
 }
 
 impl Sink {
-    /// The sink that `-o` names. Its folder is looked at now: a run of minutes must not end with
-    /// a result that has no place.
+    /// The sink that `-o` names. A file is made in its folder now, and dropped again: a run of
+    /// minutes must not end with a result that has no place.
     pub(super) fn new(path: &Path) -> Result<Self, Failure> {
         if path == Path::new("-") {
             return Ok(Self::Stdout);
@@ -50,14 +56,17 @@ impl Sink {
             return Err(Failure::Usage(format!("{}: is a folder", path.display())));
         }
         let folder = folder(path);
-        if folder.is_dir() {
-            Ok(Self::File(path.to_owned()))
-        } else {
-            Err(Failure::Usage(format!(
+        if !folder.is_dir() {
+            return Err(Failure::Usage(format!(
                 "{}: there is no such folder",
                 folder.display()
-            )))
+            )));
         }
+        // A device or a pipe takes no place in its folder.
+        if !path.exists() || path.is_file() {
+            tempfile::tempfile_in(folder).map_err(|error| Failure::output(path, &error))?;
+        }
+        Ok(Self::File(path.to_owned()))
     }
 
     /// The ending of the file name; none on standard output.

@@ -1,6 +1,7 @@
 //! The command line: one module a subcommand, exit codes, and nothing that computes.
 
 mod data_folder;
+mod documents;
 mod error;
 mod evaluate;
 mod files;
@@ -44,6 +45,10 @@ enum Command {
     Presets(presets::Arguments),
     /// Serve the HTTP API, with worker processes that reconstruct.
     Serve(Box<serve::Arguments>),
+    /// Print what completes the command line in a shell.
+    Completions(documents::Completions),
+    /// Print the man page, or write those of all commands into a folder.
+    Man(documents::Man),
     /// Work for a service.
     #[command(hide = true)]
     Worker(worker::Arguments),
@@ -83,6 +88,8 @@ fn run(cli: Cli) -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Presets(arguments) => presets::run(&arguments),
+        Command::Completions(arguments) => documents::completions(&arguments),
+        Command::Man(arguments) => documents::man(&arguments),
         Command::Health(arguments) => health::run(&arguments),
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Worker(arguments) => worker::run(&arguments),

@@ -33,7 +33,7 @@ impl Progress {
     pub(super) fn new(quiet: bool) -> Self {
         let bar = (!quiet && std::io::stderr().is_terminal()).then(|| {
             let bar = ProgressBar::new(STEPS);
-            if let Ok(style) = ProgressStyle::with_template("{prefix:>9} {wide_bar} {msg}") {
+            if let Ok(style) = ProgressStyle::with_template("{prefix:>9} {bar:16} {wide_msg}") {
                 bar.set_style(style);
             }
             bar

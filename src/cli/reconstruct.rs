@@ -10,7 +10,7 @@ use super::Failure;
 use super::files::{Sink, read, read_cloud};
 use super::progress::Progress;
 use crate::reconstruction::cloud::{Label, PointCloud};
-use crate::reconstruction::mesh::write::{Format, write};
+use crate::reconstruction::mesh::write::{Format, holds, write};
 use crate::reconstruction::report::Verdict;
 use crate::reconstruction::settings::assignments;
 use crate::reconstruction::training::Metrics;
@@ -22,8 +22,10 @@ use crate::reconstruction::{
 /// Arguments of `meshway reconstruct`.
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// Point cloud: PLY, XYZ, CSV, PTS, PTX, OBJ, OFF, STL, PCD or NPY, also gzipped.
-    cloud: PathBuf,
+    /// Point clouds: PLY, XYZ, CSV, PTS, PTX, OBJ, OFF, STL, PCD or NPY, also gzipped; `-` is
+    /// standard input. Of several each gets a mesh of its name, and --output and the like are folders.
+    #[arg(required = true, value_name = "CLOUD")]
+    clouds: Vec<PathBuf>,
     /// Points inside the surface, in addition to the labels of the cloud.
     #[arg(long, value_name = "CLOUD")]
     interior: Option<PathBuf>,
@@ -72,17 +74,50 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let settings = settings(arguments)?;
     // First of all: reading, too, uses the threads.
     set_threads(threads(arguments.threads)?).map_err(|error| Failure::Usage(error.to_string()))?;
-    in_pool(|| run_with(arguments, &settings))
+    // All places first: none must be found out after the others were worked on.
+    let clouds = arguments.clouds.iter();
+    let runs = clouds.map(|path| Ok((path.as_path(), Sinks::new(arguments, path)?)));
+    let runs = runs.collect::<Result<Vec<_>, Failure>>()?;
+    in_pool(|| {
+        let mut first = Ok(());
+        for (path, sinks) in &runs {
+            let result = run_with(arguments, &settings, path, sinks);
+            // The others are worked on all the same; the last failure is printed by the caller.
+            match (&first, result) {
+                (Ok(()), result) => first = result,
+                (Err(_), Err(failure)) => failure.print(),
+                (Err(_), Ok(())) => {}
+            }
+        }
+        first
+    })
 }
 
-fn run_with(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
-    let sinks = Sinks::new(arguments)?;
+fn run_with(
+    arguments: &Arguments,
+    settings: &Settings,
+    path: &Path,
+    sinks: &Sinks,
+) -> Result<(), Failure> {
     let progress = Progress::new(arguments.quiet);
-    let (cloud, inputs, warnings) = cloud(arguments, &progress)?;
+    let (cloud, inputs, warnings) = cloud(arguments, path, &progress)?;
+    // As fine as a mesh of it can be; what it really has is looked at when it is written.
+    if let Some(bounds) = cloud.bounds()
+        && !holds(
+            sinks.format,
+            &bounds,
+            bounds.diagonal() / settings.surface.resolution as f64,
+        )
+    {
+        return Err(Failure::Usage(format!(
+            "{}: lies too far from the origin for the 32 bits of STL; write ply, obj, off or glb",
+            path.display()
+        )));
+    }
 
     let outcome = reconstruct(&cloud, settings, &progress);
     progress.finish();
-    let mut result = outcome.map_err(|error| Failure::of(error, &arguments.cloud))?;
+    let mut result = outcome.map_err(|error| Failure::of(error, path))?;
     result.report.read_from(inputs, warnings);
     sinks.write(&result, &progress)?;
     progress.say(&result.report.summary());
@@ -148,12 +183,13 @@ fn threads(asked: Option<usize>) -> Result<usize, Failure> {
 /// The cloud of all files, what the report records of each, and what their readers warn of.
 fn cloud(
     arguments: &Arguments,
+    path: &Path,
     progress: &Progress,
 ) -> Result<(PointCloud, Vec<Input>, Vec<Warning>), Failure> {
     let parts = [
-        (Some(&arguments.cloud), None),
-        (arguments.interior.as_ref(), Some(Label::Interior)),
-        (arguments.exterior.as_ref(), Some(Label::Exterior)),
+        (Some(path), None),
+        (arguments.interior.as_deref(), Some(Label::Interior)),
+        (arguments.exterior.as_deref(), Some(Label::Exterior)),
     ];
     let mut whole: Option<PointCloud> = None;
     let (mut inputs, mut warnings) = (Vec::new(), Vec::new());
@@ -188,10 +224,41 @@ struct Sinks {
 }
 
 impl Sinks {
-    fn new(arguments: &Arguments) -> Result<Self, Failure> {
-        let optional = |path: &Option<PathBuf>| path.as_deref().map(Sink::new).transpose();
-        let mesh = Sink::new(&arguments.output)?;
-        let format = format(&mesh, arguments.format.as_deref())?;
+    fn new(arguments: &Arguments, cloud: &Path) -> Result<Self, Failure> {
+        let several = arguments.clouds.len() > 1;
+        if several && (arguments.interior.is_some() || arguments.exterior.is_some()) {
+            return Err(Failure::Usage(
+                "--interior and --exterior belong to one cloud; give one at a time".to_owned(),
+            ));
+        }
+        // Of several clouds each has its own file in the folder that is named.
+        let sink = |path: &Path, ending: &str| {
+            if several {
+                Sink::new(&path.join(own_name(arguments, cloud, ending)?))
+            } else {
+                Sink::new(path)
+            }
+        };
+        let optional = |path: &Option<PathBuf>, ending: &str| {
+            let path = path.as_deref();
+            path.map(|path| sink(path, ending)).transpose()
+        };
+        let (mesh, format) = if several {
+            let format = match arguments.format.as_deref() {
+                Some(name) => named(name)?,
+                None => Format::PlyBinary,
+            };
+            (sink(&arguments.output, format.extension())?, format)
+        } else {
+            let mesh = Sink::new(&arguments.output)?;
+            let format = format(&mesh, arguments.format.as_deref())?;
+            (mesh, format)
+        };
+        if several && arguments.snapshots.is_some() {
+            return Err(Failure::Usage(
+                "--snapshots belongs to one cloud; give one at a time".to_owned(),
+            ));
+        }
         if mesh.is_terminal() {
             return Err(Failure::Usage(
                 "-o -: a mesh does not belong on a screen; send it to a file or a pipe".to_owned(),
@@ -208,9 +275,9 @@ impl Sinks {
         Ok(Self {
             mesh,
             format,
-            report: optional(&arguments.report)?,
-            metrics: optional(&arguments.metrics)?,
-            gradients: optional(&arguments.gradients)?,
+            report: optional(&arguments.report, "json")?,
+            metrics: optional(&arguments.metrics, "csv")?,
+            gradients: optional(&arguments.gradients, "gradients.json")?,
             snapshots: arguments.snapshots.clone(),
         })
     }
@@ -237,11 +304,34 @@ impl Sinks {
     }
 }
 
-fn format(mesh: &Sink, asked: Option<&str>) -> Result<Format, Failure> {
+/// The name of a file about one cloud of several; it must not be that of another one.
+fn own_name(arguments: &Arguments, cloud: &Path, ending: &str) -> Result<String, Failure> {
+    let stem = |path: &Path| {
+        let name = path.file_name().map(|name| name.to_string_lossy());
+        let name = name.unwrap_or_default();
+        let name = name.strip_suffix(".gz").unwrap_or(&name);
+        let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+        stem.to_owned()
+    };
+    let own = stem(cloud);
+    let clouds = arguments.clouds.iter();
+    if clouds.filter(|path| stem(path) == own).count() > 1 {
+        return Err(Failure::Usage(format!(
+            "two of the clouds are named {own}; their meshes would have one name"
+        )));
+    }
+    Ok(format!("{own}.{ending}"))
+}
+
+fn named(asked: &str) -> Result<Format, Failure> {
     let known = "ply, ply_ascii, obj, stl, off, glb";
+    Format::from_name(asked)
+        .ok_or_else(|| Failure::Usage(format!("--format is {asked}, must be one of: {known}")))
+}
+
+fn format(mesh: &Sink, asked: Option<&str>) -> Result<Format, Failure> {
     match (asked, mesh.name()) {
-        (Some(asked), _) => Format::from_name(asked)
-            .ok_or_else(|| Failure::Usage(format!("--format is {asked}, must be one of: {known}"))),
+        (Some(asked), _) => named(asked),
         (None, None) => Ok(Format::PlyBinary),
         (None, Some(name)) => Path::new(name)
             .extension()
@@ -269,7 +359,7 @@ fn csv(out: &mut dyn Write, metrics: &[Metrics]) -> io::Result<()> {
     for layer in 0..layers {
         write!(out, ",weight_norm_{layer}")?;
     }
-    writeln!(out)?;
+    writeln!(out, ",blocks")?;
     for m in metrics {
         let validation = m
             .validation_loss
@@ -280,10 +370,13 @@ fn csv(out: &mut dyn Write, metrics: &[Metrics]) -> io::Result<()> {
             "{},{},{},{validation},{},{}",
             m.iteration, m.evaluation, m.loss, m.gradient_norm, m.step_length
         )?;
-        for norm in &m.weight_norms {
-            write!(out, ",{norm}")?;
+        // Rows of blocks have no norms.
+        for layer in 0..layers {
+            let norm = m.weight_norms.get(layer).map(f64::to_string);
+            write!(out, ",{}", norm.unwrap_or_default())?;
         }
-        writeln!(out)?;
+        let blocks = m.blocks.map(|count| count.to_string());
+        writeln!(out, ",{}", blocks.unwrap_or_default())?;
     }
     Ok(())
 }

@@ -148,10 +148,7 @@ mod tests {
                 "log_format = \"xml\"",
                 "log_format is \"xml\": must be one of text, json",
             ),
-            (
-                "listen = \"here\"",
-                "listen is \"here\": invalid socket address syntax",
-            ),
+            ("listen = \"here\"", "listen is \"here\": must be HOST:PORT"),
             (
                 "allow_unauthenticated = 7",
                 "allow_unauthenticated is \"7\": ",

@@ -6,7 +6,7 @@
 
 mod file;
 
-use std::net::SocketAddr;
+use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 
 use clap::Args;
@@ -26,7 +26,8 @@ const LEAST_WORKER_MIB: u64 = 288;
 #[derive(Debug, Clone, Serialize, Args)]
 pub struct Config {
     /// Address to listen on. Other than loopback needs --allow-unauthenticated.
-    #[arg(long, env = "MESHWAY_LISTEN", default_value = "127.0.0.1:8080")]
+    #[arg(long, env = "MESHWAY_LISTEN", default_value = "127.0.0.1:8080",
+          value_parser = address)]
     pub listen: SocketAddr,
 
     /// Folder for the database and the uploaded clouds; made if it is missing. A folder with other
@@ -43,6 +44,11 @@ pub struct Config {
     /// them; `*`: all. A request for another host is refused: it may come from a web page.
     #[arg(long, env = "MESHWAY_ALLOWED_HOSTS", default_value = "")]
     pub allowed_hosts: String,
+
+    /// Origins, as in `https://dash.example`, whose pages may use the service, with commas between
+    /// them.
+    #[arg(long, env = "MESHWAY_ALLOWED_ORIGINS", default_value = "")]
+    pub allowed_origins: String,
 
     /// Worker processes.
     #[arg(long, env = "MESHWAY_WORKERS", default_value_t = 1,
@@ -100,13 +106,21 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_MAX_STREAMS", default_value_t = 1_000)]
     pub max_streams: u32,
 
-    /// Most open connections.
+    /// Most open event streams of one client; 0: half of all.
+    #[arg(long, env = "MESHWAY_MAX_STREAMS_PER_CLIENT", default_value_t = 0)]
+    pub max_streams_per_client: u32,
+
+    /// Most open connections. Beyond it the one that waits longest for a request makes room.
     #[arg(long, env = "MESHWAY_MAX_CONNECTIONS", default_value_t = 4_096)]
     pub max_connections: u32,
 
-    /// Seconds without a byte of an upload after which it ends with 408.
+    /// Seconds in which an upload must bring a KiB for each of them; else it ends with 408.
     #[arg(long, env = "MESHWAY_UPLOAD_TIMEOUT_SECONDS", default_value_t = 30)]
     pub upload_timeout_seconds: u32,
+
+    /// Seconds without a byte that a client takes of its answer, after which it is cut off.
+    #[arg(long, env = "MESHWAY_DOWNLOAD_TIMEOUT_SECONDS", default_value_t = 30)]
+    pub download_timeout_seconds: u32,
 
     /// Seconds to wait for the next request's header on a connection.
     #[arg(long, env = "MESHWAY_HEADER_TIMEOUT_SECONDS", default_value_t = 75)]
@@ -119,6 +133,25 @@ pub struct Config {
     /// What is logged, as in `info,meshway=debug`.
     #[arg(long, env = "MESHWAY_LOG", default_value = "info")]
     pub log: String,
+}
+
+/// The address that `HOST:PORT` stands for, where the host may be a name.
+///
+/// # Errors
+/// What is wrong with it, in one sentence.
+pub fn address(text: &str) -> Result<SocketAddr, String> {
+    let (host, port) = text.rsplit_once(':').unwrap_or_default();
+    if host.is_empty() || port.parse::<u16>().is_err() {
+        return Err("must be HOST:PORT, as in 127.0.0.1:8080 or localhost:8080".to_owned());
+    }
+    let found = text
+        .to_socket_addrs()
+        .map_err(|error| format!("{host}: {error}"))?;
+    // Of the addresses of a name IPv4 is what other tools try too.
+    let mut found: Vec<_> = found.collect();
+    found.sort_by_key(SocketAddr::is_ipv6);
+    let first = found.first().copied();
+    first.ok_or_else(|| format!("{host} has no address"))
 }
 
 /// Format of the log.
@@ -135,6 +168,20 @@ impl Config {
     /// Largest upload in bytes.
     pub fn body_limit_bytes(&self) -> u64 {
         self.body_limit_mib * MIB
+    }
+
+    /// Origins of other sites whose pages may use the service.
+    pub fn origins(&self) -> impl Iterator<Item = &str> {
+        let origins = self.allowed_origins.split(',').map(str::trim);
+        origins.filter(|origin| !origin.is_empty())
+    }
+
+    /// Most open event streams of one client.
+    pub fn streams_per_client(&self) -> u32 {
+        match self.max_streams_per_client {
+            0 => self.max_streams.div_ceil(2),
+            most => most,
+        }
     }
 
     /// Most memory of a worker in bytes; `None`: no limit.
@@ -228,6 +275,19 @@ mod tests {
             (2, 7, 100_000)
         );
         assert!(config.allow_unauthenticated);
+    }
+
+    #[test]
+    fn an_address_may_have_a_name() {
+        for (text, expected) in [
+            ("localhost:8080", "127.0.0.1:8080"),
+            ("[::1]:80", "[::1]:80"),
+        ] {
+            assert_eq!(address(text), Ok(expected.parse().unwrap()), "{text}");
+        }
+        for wrong in ["8080", ":8080", "localhost", "localhost:http"] {
+            assert!(address(wrong).unwrap_err().contains("HOST:PORT"), "{wrong}");
+        }
     }
 
     #[test]

@@ -8,9 +8,9 @@ use std::path::PathBuf;
 use axum::body::Body;
 use axum::http::header::{
     ACCEPT_RANGES, CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_RANGE, CONTENT_TYPE,
-    ETAG, IF_NONE_MATCH, IF_RANGE, RANGE, X_CONTENT_TYPE_OPTIONS,
+    ETAG, IF_MATCH, IF_NONE_MATCH, IF_RANGE, RANGE, X_CONTENT_TYPE_OPTIONS,
 };
-use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use tokio::fs::File;
@@ -77,12 +77,16 @@ impl Content {
 }
 
 impl Download {
-    /// The answer to a GET or HEAD with the given headers: 200, 206, 304 or 416.
+    /// The answer to a GET or HEAD with the given headers: 200, 206, 304, 412 or 416.
     ///
     /// # Errors
-    /// [`Code::RangeNotSatisfiable`], and `Internal` when the file cannot be read.
+    /// [`Code::PreconditionFailed`], [`Code::RangeNotSatisfiable`], and `Internal` when the file cannot be read.
     pub(super) async fn respond(self, request: &HeaderMap) -> Result<Response> {
         let etag = format!("\"{}\"", self.sha256);
+        if request.contains_key(IF_MATCH) && !lists(request, &IF_MATCH, |tag| tag == etag) {
+            let detail = format!("the content is version {etag}");
+            return Err(ApiError::new(Code::PreconditionFailed, detail));
+        }
         if none_match(request, &etag) {
             return Ok((StatusCode::NOT_MODIFIED, [(ETAG, etag)]).into_response());
         }
@@ -126,12 +130,17 @@ fn text(value: &str) -> Result<HeaderValue> {
 /// Whether the client has this version already; weak and strong tags compare alike here.
 pub(super) fn none_match(request: &HeaderMap, etag: &str) -> bool {
     let opaque = |tag: &str| tag.trim().trim_start_matches("W/").to_owned();
-    request
-        .get_all(IF_NONE_MATCH)
-        .iter()
+    lists(request, &IF_NONE_MATCH, |tag| opaque(tag) == opaque(etag))
+}
+
+/// Whether a list of tags has one that fits; `*` always does.
+fn lists(request: &HeaderMap, name: &HeaderName, fits: impl Fn(&str) -> bool) -> bool {
+    let values = request.get_all(name).iter();
+    values
         .filter_map(|value| value.to_str().ok())
         .flat_map(|value| value.split(','))
-        .any(|tag| tag.trim() == "*" || opaque(tag) == opaque(etag))
+        .map(str::trim)
+        .any(|tag| tag == "*" || fits(tag))
 }
 
 #[derive(Debug, PartialEq, Eq)]

@@ -63,6 +63,7 @@ catalogue! {
     CloudInUse "cloud_in_use" 409 true "A job that has not ended needs the cloud.";
     IdempotencyInFlight "idempotency_in_flight" 409 true "The first request with this key is being worked on.";
     Gone "gone" 410 false "It was erased.";
+    PreconditionFailed "precondition_failed" 412 false "It is not the version that is asked for.";
     BodyTooLarge "body_too_large" 413 false "The body is larger than allowed.";
     TooManyPoints "too_many_points" 413 false "The cloud has more points than allowed.";
     UnsupportedFormat "unsupported_format" 415 false "The format is not supported.";

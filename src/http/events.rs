@@ -3,12 +3,12 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::header::{ACCEPT, CACHE_CONTROL, CONTENT_TYPE, LINK};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
 use bytes::Bytes;
 use futures_util::stream;
 use serde_json::{Value, json};
@@ -20,6 +20,7 @@ use super::error::{ApiError, Result, problem_of};
 use super::extract::{Id, Query, text};
 use super::feed::{Listener, News};
 use super::job_json::represent;
+use super::places::Peer;
 use super::results::found;
 use super::time::rfc3339;
 use crate::jobs::{Event, Job, JobId, Lookup, Problem, Status};
@@ -41,6 +42,7 @@ pub(super) async fn of_job(
     State(app): State<AppState>,
     Id(id): Id<JobId>,
     query: Query,
+    peer: Option<Extension<Peer>>,
     headers: HeaderMap,
 ) -> Result<Response> {
     let asked = Asked::of(query, &headers)?;
@@ -62,13 +64,14 @@ pub(super) async fn of_job(
         state: json!({"oldest": 1, "newest": newest, "job": represent(&job, None)}),
         ended: job.status.is_final(),
     };
-    open(app, Some(id), after.ok_or_else(reset)).await
+    open(app, (Some(id), peer), after.ok_or_else(reset)).await
 }
 
 /// GET /v1/events
 pub(super) async fn of_all(
     State(app): State<AppState>,
     query: Query,
+    peer: Option<Extension<Peer>>,
     headers: HeaderMap,
 ) -> Result<Response> {
     let asked = Asked::of(query, &headers)?;
@@ -92,7 +95,7 @@ pub(super) async fn of_all(
             })
         }
     };
-    open(app, None, after).await
+    open(app, (None, peer), after).await
 }
 
 /// Where to continue.
@@ -190,10 +193,11 @@ struct Reset {
 /// Opens a stream after an id, or with a reset to the newest one.
 async fn open(
     app: AppState,
-    job: Option<JobId>,
+    (job, peer): (Option<JobId>, Option<Extension<Peer>>),
     after: std::result::Result<i64, Reset>,
 ) -> Result<Response> {
-    let listener = app.feed.listen().await?;
+    let client = peer.map(|Extension(Peer(address))| address.ip());
+    let listener = app.feed.listen(client).await?;
     let mut frames = VecDeque::from([Bytes::from(format!("retry: {RETRY_MILLISECONDS}\n"))]);
     let (last, ended) = match after {
         Ok(id) => (id, false),

@@ -8,6 +8,7 @@ use axum::extract::{FromRequestParts, RawPathParams};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName};
 use serde::de::DeserializeOwned;
+use serde_json::value::RawValue;
 use serde_json::{Map, Value};
 
 use super::AppState;
@@ -45,8 +46,32 @@ pub(super) struct Fields<V> {
     faults: Vec<Fault>,
 }
 
-impl<V> Fields<V> {
-    fn new(values: BTreeMap<String, V>) -> Self {
+/// A value that may stand for none.
+pub(super) trait Given {
+    /// Whether it does.
+    fn is_absent(&self) -> bool {
+        false
+    }
+}
+
+impl Given for String {}
+
+/// Typed clients write null for what they leave out.
+impl Given for Value {
+    fn is_absent(&self) -> bool {
+        self.is_null()
+    }
+}
+
+impl Given for &RawValue {
+    fn is_absent(&self) -> bool {
+        self.get() == "null"
+    }
+}
+
+impl<V: Given> Fields<V> {
+    /// Of these values.
+    pub(super) fn new(values: BTreeMap<String, V>) -> Self {
         Self {
             values,
             known: Vec::new(),
@@ -61,7 +86,8 @@ impl<V> Fields<V> {
         parse: impl FnOnce(V) -> std::result::Result<T, String>,
     ) -> Option<T> {
         self.known.push(name.to_owned());
-        match parse(self.values.remove(name)?) {
+        let value = self.values.remove(name);
+        match parse(value.filter(|value| !value.is_absent())?) {
             Ok(value) => Some(value),
             Err(detail) => {
                 self.fault(name, detail);
@@ -76,7 +102,7 @@ impl<V> Fields<V> {
         name: &str,
         parse: impl FnOnce(V) -> std::result::Result<T, String>,
     ) -> Option<T> {
-        if !self.values.contains_key(name) {
+        if !self.has(name) {
             self.fault(name, "is missing".to_owned());
         }
         self.take(name, parse)
@@ -100,7 +126,8 @@ impl<V> Fields<V> {
 
     /// Whether the value is there and was not taken yet.
     pub(super) fn has(&self, name: &str) -> bool {
-        self.values.contains_key(name)
+        let value = self.values.get(name);
+        value.is_some_and(|value| !value.is_absent())
     }
 
     /// Refuses all that is faulty or unknown.
@@ -125,6 +152,9 @@ impl<V> Fields<V> {
     }
 }
 
+/// Parameters that are lists: with commas, or given again and again.
+const LISTS: [&str; 1] = ["fields"];
+
 /// The parameters of a query.
 pub(super) type Query = Fields<String>;
 
@@ -136,8 +166,13 @@ impl FromRequestParts<AppState> for Query {
             .map_err(|error| ApiError::fault(Code::RequestInvalid, "", error.body_text()))?;
         let mut query = Self::new(BTreeMap::new());
         for (name, value) in pairs.0 {
-            if query.values.insert(name.clone(), value).is_some() {
-                query.fault(&name, "is given twice".to_owned());
+            match query.values.get_mut(&name) {
+                Some(list) if LISTS.contains(&name.as_str()) => {
+                    list.push(',');
+                    list.push_str(&value);
+                }
+                Some(_) => query.fault(&name, "is given twice".to_owned()),
+                None => drop(query.values.insert(name, value)),
             }
         }
         Ok(query)
@@ -277,6 +312,17 @@ mod tests {
             .map(|error| error["pointer"].as_str().unwrap())
             .collect();
         assert_eq!(pointers, ["/b", "/e", "/c~1d"]);
+    }
+
+    #[test]
+    fn null_is_absent_but_not_unknown() {
+        let mut members = Members::of(br#"{"a": null, "b": null, "c": null}"#).unwrap();
+        assert_eq!(members.take("a", json::<u8>), None);
+        assert!(!members.has("b"));
+        assert_eq!(members.required("b", json::<u8>), None);
+        let problem = members.finish().unwrap_err().document(None);
+        assert_eq!(problem["errors"][0]["detail"], "is missing");
+        assert_eq!(problem["errors"][1]["pointer"], "/c");
     }
 
     #[test]

@@ -4,7 +4,9 @@
 //! stream that misses something here (it was slow, or joined late) reads the rows itself: they are
 //! the truth, this is the short way.
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::net::IpAddr;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, watch};
@@ -41,6 +43,49 @@ pub(super) struct Feed {
     position: watch::Receiver<Option<i64>>,
     places: Arc<Semaphore>,
     max_streams: u32,
+    clients: Arc<Clients>,
+}
+
+/// How many streams each client has, of those that a client may have.
+struct Clients {
+    most: u32,
+    open: Mutex<HashMap<IpAddr, u32>>,
+}
+
+impl Clients {
+    fn open(&self) -> MutexGuard<'_, HashMap<IpAddr, u32>> {
+        self.open.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A stream more for the client.
+    fn enter(self: &Arc<Self>, client: IpAddr) -> Result<Share> {
+        let mut open = self.open();
+        let streams = open.entry(client).or_default();
+        if *streams >= self.most {
+            let detail = format!(
+                "{} event streams of this client are open already",
+                self.most
+            );
+            return Err(ApiError::new(Code::RateLimited, detail).retry_after(5));
+        }
+        *streams += 1;
+        Ok(Share(Arc::clone(self), client))
+    }
+}
+
+/// A stream of a client.
+struct Share(Arc<Clients>, IpAddr);
+
+impl Drop for Share {
+    fn drop(&mut self) {
+        let mut open = self.0.open();
+        if let Some(streams) = open.get_mut(&self.1) {
+            *streams -= 1;
+            if *streams == 0 {
+                open.remove(&self.1);
+            }
+        }
+    }
 }
 
 /// One stream's share of the feed; gives its place back when it is dropped.
@@ -48,14 +93,16 @@ pub(super) struct Listener {
     /// What is new.
     pub(super) news: broadcast::Receiver<News>,
     _place: OwnedSemaphorePermit,
+    _share: Option<Share>,
 }
 
 impl Feed {
-    /// Starts the task, which ends with `shutdown`. Needs a tokio runtime.
+    /// Starts the task, which ends with `shutdown`, for so many streams in all and of one client.
+    /// Needs a tokio runtime.
     pub(super) fn start(
         store: Store,
         gauges: Arc<Gauges>,
-        max_streams: u32,
+        [max_streams, most]: [u32; 2],
         shutdown: CancellationToken,
     ) -> Self {
         let (news, _) = broadcast::channel(BACKLOG);
@@ -72,14 +119,21 @@ impl Feed {
             position: watched,
             places: Arc::new(Semaphore::new(max_streams as usize)),
             max_streams,
+            clients: Arc::new(Clients {
+                most,
+                open: Mutex::default(),
+            }),
         }
     }
 
     /// Listens to all events that are committed from now on.
     ///
     /// # Errors
-    /// [`Code::RateLimited`] when there are as many streams as allowed.
-    pub(super) async fn listen(&self) -> Result<Listener> {
+    /// [`Code::RateLimited`] when there are as many streams as allowed, of all or of the client.
+    pub(super) async fn listen(&self, client: Option<IpAddr>) -> Result<Listener> {
+        let share = client
+            .map(|client| self.clients.enter(client))
+            .transpose()?;
         let place = Arc::clone(&self.places).try_acquire_owned().map_err(|_| {
             ApiError::new(
                 Code::RateLimited,
@@ -90,6 +144,7 @@ impl Feed {
         let listener = Listener {
             news: self.news.subscribe(),
             _place: place,
+            _share: share,
         };
         // Only after the task knows where it starts is nothing lost between rows and feed.
         let mut position = self.position.clone();

@@ -1,13 +1,20 @@
 //! The trained field at points of the client: for slices and distances.
 
-use axum::Json;
+use std::collections::BTreeMap;
+use std::fmt::Formatter;
+
 use axum::extract::{Request, State};
+use axum::http::HeaderValue;
+use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
-use serde_json::{Value, json};
+use serde::de::{DeserializeOwned, Deserializer, Error, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
 
 use super::AppState;
+use super::bodies::held;
 use super::error::{ApiError, Code, Result};
-use super::extract::{Members, NoQuery, json};
+use super::extract::{Fields, NoQuery};
 use super::results::Succeeded;
 use super::upload;
 use crate::reconstruction::Model;
@@ -18,6 +25,9 @@ pub(super) const MAX_POINTS: usize = 100_000;
 
 /// Largest body: [`MAX_POINTS`] of three numbers written out in full, with room for blanks.
 pub(super) const MAX_BODY_BYTES: usize = 16 << 20;
+
+/// Most members of a request: two are known, and what is wrong with the others is told.
+const MAX_MEMBERS: usize = 16;
 
 /// Most multiplications of a request: about ten seconds of one core.
 const MAX_WORK: usize = 10_000_000_000;
@@ -33,24 +43,6 @@ pub(super) async fn evaluate(
     request: Request,
 ) -> Result<Response> {
     let body = upload::json(&app, request, MAX_BODY_BYTES).await?;
-    let mut members = Members::of(&body)?;
-    let points = members.required("points", |value| {
-        let points: Vec<Value> = json(value)?;
-        match points.len() {
-            1..=MAX_POINTS => Ok(points),
-            count => Err(format!("must have 1 to {MAX_POINTS} points, not {count}")),
-        }
-    });
-    let points = points.unwrap_or_default().into_iter().enumerate();
-    let points: std::result::Result<Vec<Vec3>, _> = points
-        .map(|(i, point)| json(point).map_err(|detail| (i, detail)))
-        .collect();
-    if let Err((i, detail)) = &points {
-        members.fault_within("points", &i.to_string(), detail.clone());
-    }
-    let with_gradients = members.take("gradients", json::<bool>).unwrap_or(false);
-    members.finish()?;
-    let points = points.unwrap_or_default();
     let model = app.store.model(&job.id).await?;
     let (model, _) = model.ok_or_else(|| ApiError::not_found("model"))?;
     let _turn = app
@@ -58,12 +50,137 @@ pub(super) async fn evaluate(
         .acquire()
         .await
         .map_err(ApiError::internal)?;
-    let answer = move || answer(&model, points, with_gradients);
-    let answer = tokio::task::spawn_blocking(answer).await;
-    Ok(Json(answer.map_err(ApiError::internal)??).into_response())
+    // Millions of numbers take their time to read, too.
+    let (answer, place) = upload::blocking(move || {
+        let asked = Asked::of(&body)?;
+        let answer = answer(&model, asked)?;
+        let answer = serde_json::to_vec(&answer).map_err(ApiError::internal)?;
+        Ok::<_, ApiError>((answer, body.into_place()))
+    })
+    .await??;
+    let json = HeaderValue::from_static("application/json");
+    Ok(([(CONTENT_TYPE, json)], held(answer.into(), place)).into_response())
 }
 
-fn answer(model: &[u8], mut points: Vec<Vec3>, with_gradients: bool) -> Result<Value> {
+/// What a request asks for.
+struct Asked {
+    points: Vec<Vec3>,
+    with_gradients: bool,
+}
+
+impl Asked {
+    fn of(body: &[u8]) -> Result<Self> {
+        let Object(members) = serde_json::from_slice(body)
+            .map_err(|error| ApiError::new(Code::MalformedJson, format!("the body: {error}")))?;
+        let mut members = Fields::new(members);
+        let mut points = Points::default();
+        members.required("points", |raw| points.read(raw));
+        if let Some((i, detail)) = points.fault.take() {
+            members.fault_within("points", &i.to_string(), detail);
+        }
+        let with_gradients = members.take("gradients", typed::<bool>).unwrap_or(false);
+        members.finish()?;
+        Ok(Self {
+            points: points.read,
+            with_gradients,
+        })
+    }
+}
+
+/// The members of an object as they are written: a document of [`Value`]s would take some 20 times
+/// the memory of its text.
+struct Object<'b>(BTreeMap<String, &'b RawValue>);
+
+impl<'de> Deserialize<'de> for Object<'de> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        deserializer.deserialize_map(Object(BTreeMap::new()))
+    }
+}
+
+impl<'de> Visitor<'de> for Object<'de> {
+    type Value = Self;
+
+    fn expecting(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        f.write_str("an object")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(mut self, mut map: A) -> std::result::Result<Self, A::Error> {
+        while let Some((name, value)) = map.next_entry()? {
+            self.0.insert(name, value);
+            if self.0.len() > MAX_MEMBERS {
+                return Err(A::Error::custom("the object has too many members"));
+            }
+        }
+        Ok(self)
+    }
+}
+
+/// Points as they are read, each for itself, so that what is wrong with one can be told.
+#[derive(Default)]
+struct Points {
+    read: Vec<Vec3>,
+    count: usize,
+    /// The first that is none.
+    fault: Option<(usize, String)>,
+}
+
+impl Points {
+    fn read(&mut self, raw: &RawValue) -> std::result::Result<(), String> {
+        let mut text = serde_json::Deserializer::from_str(raw.get());
+        text.deserialize_seq(&mut *self).map_err(|e| plain(&e))?;
+        match self.count {
+            1..=MAX_POINTS => Ok(()),
+            count => Err(format!("must have 1 to {MAX_POINTS} points, not {count}")),
+        }
+    }
+}
+
+impl<'de> Visitor<'de> for &mut Points {
+    type Value = ();
+
+    fn expecting(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        f.write_str("a list of points")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> std::result::Result<(), A::Error> {
+        while let Some(raw) = list.next_element::<&RawValue>()? {
+            self.count += 1;
+            if self.count > MAX_POINTS || self.fault.is_some() {
+                continue;
+            }
+            match typed(raw) {
+                Ok(point) => self.read.push(point),
+                Err(detail) => self.fault = Some((self.count - 1, detail)),
+            }
+        }
+        Ok(())
+    }
+}
+
+fn typed<T: DeserializeOwned>(raw: &RawValue) -> std::result::Result<T, String> {
+    serde_json::from_str(raw.get()).map_err(|error| plain(&error))
+}
+
+/// Without the place in the text, which counts from the beginning of the value.
+fn plain(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    let end = text.find(" at line ").unwrap_or(text.len());
+    text[..end].to_owned()
+}
+
+/// The values, and the gradients that were asked for.
+#[derive(Serialize)]
+struct Answer {
+    values: Vec<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gradients: Option<Vec<Vec3>>,
+}
+
+fn answer(model: &[u8], asked: Asked) -> Result<Answer> {
+    let Asked {
+        mut points,
+        with_gradients,
+    } = asked;
     let unreadable = |error: &dyn std::fmt::Display| {
         let detail = format!("{error}; retry the job for a network that can be read");
         ApiError::new(Code::ModelUnreadable, detail)
@@ -86,7 +203,10 @@ fn answer(model: &[u8], mut points: Vec<Vec3>, with_gradients: bool) -> Result<V
         field
             .values(&points, &mut values)
             .map_err(ApiError::internal)?;
-        return Ok(json!({ "values": values }));
+        return Ok(Answer {
+            values,
+            gradients: None,
+        });
     }
     let mut gradients = vec![[0.0; 3]; points.len()];
     field
@@ -96,5 +216,8 @@ fn answer(model: &[u8], mut points: Vec<Vec3>, with_gradients: bool) -> Result<V
     for gradient in &mut gradients {
         *gradient = scale(*gradient, model.frame.scale);
     }
-    Ok(json!({ "values": values, "gradients": gradients }))
+    Ok(Answer {
+        values,
+        gradients: Some(gradients),
+    })
 }

@@ -97,6 +97,20 @@ impl Gauges {
             running: Mutex::default(),
         };
         let g = &gauges;
+        // There from the start: an increase cannot be seen of a series that begins with it.
+        for (status, code) in [
+            ("succeeded", ""),
+            ("cancelled", ""),
+            ("failed", "no_surface"),
+            ("failed", "training_diverged"),
+            ("failed", "out_of_memory"),
+            ("failed", "time_limit"),
+            ("failed", "worker_crashed"),
+            ("failed", "internal"),
+        ] {
+            let (status, code) = (status.to_owned(), code.to_owned());
+            drop(g.finished.get_or_create(&Finished { status, code }));
+        }
         let build = Info::new([("version", env!("CARGO_PKG_VERSION"))]);
         registry.register("build", "Version of the service", build);
         registry.register("jobs", "Jobs by status", g.jobs.clone());

@@ -1,38 +1,42 @@
 //! What an uploaded file is: read once, checked, and summed up.
 //!
-//! Small files are read by this process, on a thread that may block. Large ones, and those that
-//! unpack to who knows what, are read by a child of the same program: should memory run out there,
-//! the service goes on.
+//! Files that are small when they are unpacked are read by this process, on a thread that may block.
+//! Large ones, and those that unpack to who knows what, are read by a child of the same program:
+//! should memory run out there, the service goes on.
 
+use std::fs::File;
+use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::Arc;
 use std::time::Duration;
 
+use flate2::read::MultiGzDecoder;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tokio::process::Command;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::AppState;
 use super::error::{ApiError, Code, Result};
 use super::spool::MAX_EXPANSION;
-use super::state::PARSED_KIB;
+use super::state::{CHILDREN_KIB, PARSED_KIB};
 use super::upload::{Upload, blocking};
-use crate::reconstruction::cloud::{self, Format, Label};
+use crate::reconstruction::cloud::{self, Format};
 
-/// Largest file that is read in this process. The allocator keeps what reading took, once for each
+/// Largest file, unpacked, that is read in this process. The allocator keeps what reading took, once for each
 /// of its arenas: with larger files, many uploads at once would leave hundreds of megabytes.
 const IN_PROCESS_BYTES: u64 = 1 << 20;
-
-/// The same for gzipped files, which may unpack to a hundred times that.
-const IN_PROCESS_GZIP_BYTES: u64 = 1 << 20;
 
 /// Memory that a child may take besides its file: program and libraries.
 const CHILD_BASE_BYTES: u64 = 512 << 20;
 
-/// Memory that a child may take for each byte of a file when it is unpacked: some more than a
-/// parsed cloud was seen to take.
-const CHILD_BYTES_PER_BYTE: u64 = 32;
+/// Memory that reading may take for each byte of a file when it is unpacked: some more than a parsed
+/// cloud was seen to take.
+const MEMORY_PER_BYTE: u64 = 32;
+
+/// What the header of a PCD file has whose points are packed.
+const PACKED_PCD: &[u8] = b"binary_compressed";
 
 /// Longest time that a child may read: some 20 times what 512 MiB of text take.
 const CHILD_TIMEOUT: Duration = Duration::from_mins(5);
@@ -51,22 +55,11 @@ pub struct Summary {
     /// Whether they have normals.
     pub normals: bool,
     /// Number of points by label; those without one lie on the surface.
-    pub labels: Labels,
+    pub labels: cloud::Counts,
     /// Points that were left out because a coordinate is not finite.
     pub dropped_non_finite: u64,
     /// What the user should know: objects with `code` and `message`.
     pub warnings: Vec<Value>,
-}
-
-/// Number of points by label.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Labels {
-    /// On the surface.
-    pub surface: u64,
-    /// Inside.
-    pub interior: u64,
-    /// Outside.
-    pub exterior: u64,
 }
 
 /// Reads and checks a file.
@@ -81,18 +74,13 @@ pub fn inspect(
     let name = hint.map(|format| format!("cloud.{}", format.name()));
     let (cloud, source) = cloud::read(bytes, name.as_deref(), limits)?;
     cloud.validate()?;
-    let count = |label| cloud.indices(label).count() as u64;
     Ok(Summary {
         format: source.format,
         gzipped: source.gzipped,
         points: cloud.points.len() as u64,
         bounds: cloud.bounds().ok_or(cloud::Error::Empty)?,
         normals: cloud.normals.is_some(),
-        labels: Labels {
-            surface: count(Label::Surface),
-            interior: count(Label::Interior),
-            exterior: count(Label::Exterior),
-        },
+        labels: cloud.counts(),
         dropped_non_finite: source.dropped_non_finite as u64,
         warnings: source
             .warnings
@@ -144,41 +132,24 @@ pub fn limits(max_points: u64, max_bytes: u64) -> cloud::Limits {
 /// What is wrong with the cloud.
 pub(super) async fn read(app: &AppState, upload: &Upload) -> Result<Summary> {
     let path = upload.spooled.file.path().to_owned();
-    let bytes = upload.spooled.bytes;
-    let gzipped = blocking({
+    let (bytes, limit) = (upload.spooled.bytes, app.config.body_limit_bytes());
+    let room = take(&app.parsing, IN_PROCESS_BYTES, PARSED_KIB).await?;
+    let size = blocking({
         let path = path.clone();
-        move || is_gzipped(&path)
+        move || Size::of(&path, bytes, limit)
     })
     .await??;
-    let in_process = bytes
-        <= if gzipped {
-            IN_PROCESS_GZIP_BYTES
-        } else {
-            IN_PROCESS_BYTES
-        };
-    let weight = if gzipped && !in_process {
-        // It may unpack to anything.
-        PARSED_KIB
-    } else {
-        let expanded = if gzipped { 16 } else { 1 };
-        u32::try_from((bytes * expanded) >> 10).map_or(PARSED_KIB, |kib| kib + 1)
+    drop(room);
+    let unpacked = match size {
+        Size::Known(unpacked) => unpacked,
+        Size::UpTo(unpacked) => {
+            let _room = take(&app.children, unpacked, CHILDREN_KIB).await?;
+            let memory = CHILD_BASE_BYTES + unpacked * MEMORY_PER_BYTE;
+            return read_in_child(app, &path, upload.hint, memory).await;
+        }
     };
-    let room = Arc::clone(&app.parsing).acquire_many_owned(weight.min(PARSED_KIB));
-    let _room = room.await.map_err(ApiError::internal)?;
-    if !in_process {
-        let limit = app.config.body_limit_bytes();
-        let unpacked = if gzipped {
-            limit.min(bytes.saturating_mul(MAX_EXPANSION))
-        } else {
-            bytes
-        };
-        let memory = CHILD_BASE_BYTES + unpacked * CHILD_BYTES_PER_BYTE;
-        return read_in_child(app, &path, upload.hint, memory).await;
-    }
-    let (hint, limits) = (
-        upload.hint,
-        limits(app.config.max_points, app.config.body_limit_bytes()),
-    );
+    let _room = take(&app.parsing, unpacked * MEMORY_PER_BYTE, PARSED_KIB).await?;
+    let (hint, limits) = (upload.hint, limits(app.config.max_points, limit));
     let read = move || -> Result<Summary> {
         let bytes = std::fs::read(&path).map_err(ApiError::internal)?;
         Ok(inspect(&bytes, hint, &limits)?)
@@ -186,13 +157,61 @@ pub(super) async fn read(app: &AppState, upload: &Upload) -> Result<Summary> {
     blocking(read).await?
 }
 
-fn is_gzipped(path: &Path) -> Result<bool> {
-    use std::io::Read;
-    let mut magic = Vec::new();
-    std::fs::File::open(path)
-        .and_then(|file| file.take(2).read_to_end(&mut magic))
-        .map_err(ApiError::internal)?;
-    Ok(magic == [0x1f, 0x8b])
+/// Room for so many bytes, or all that there is.
+async fn take(room: &Arc<Semaphore>, bytes: u64, all_kib: u32) -> Result<OwnedSemaphorePermit> {
+    let kib = u32::try_from(bytes.div_ceil(1 << 10)).unwrap_or(all_kib);
+    let taken = Arc::clone(room).acquire_many_owned(kib.min(all_kib));
+    taken.await.map_err(ApiError::internal)
+}
+
+/// How many bytes a file has when it is unpacked.
+#[derive(Debug, PartialEq, Eq)]
+enum Size {
+    /// So many, at most [`IN_PROCESS_BYTES`], and nothing in them is packed again.
+    Known(u64),
+    /// At most so many.
+    UpTo(u64),
+}
+
+impl Size {
+    /// Looks at a file of so many bytes, of which `limit` may come. Takes memory for
+    /// [`IN_PROCESS_BYTES`].
+    fn of(path: &Path, bytes: u64, limit: u64) -> Result<Self> {
+        let file = || File::open(path).map_err(ApiError::internal);
+        let mut magic = Vec::new();
+        let read = file()?.take(2).read_to_end(&mut magic);
+        read.map_err(ApiError::internal)?;
+        let gzipped = magic == [0x1f, 0x8b];
+        let expanded = |bytes: u64| Self::UpTo(limit.min(bytes.saturating_mul(MAX_EXPANSION)));
+        if bytes > IN_PROCESS_BYTES {
+            return Ok(if gzipped {
+                expanded(bytes)
+            } else {
+                Self::UpTo(bytes)
+            });
+        }
+        let mut content = Vec::new();
+        let one_more = IN_PROCESS_BYTES + 1;
+        let unpacked = if gzipped {
+            // A damaged file is told by who reads it; what comes before the damage counts.
+            let mut reader = MultiGzDecoder::new(BufReader::new(file()?)).take(one_more);
+            let read = reader.read_to_end(&mut content);
+            read.or(Ok(content.len()))
+        } else {
+            file()?.take(one_more).read_to_end(&mut content)
+        };
+        let unpacked = unpacked.map_err(|error: io::Error| ApiError::internal(error))? as u64;
+        if unpacked > IN_PROCESS_BYTES {
+            Ok(expanded(bytes))
+        } else if content
+            .windows(PACKED_PCD.len())
+            .any(|part| part == PACKED_PCD)
+        {
+            Ok(expanded(unpacked))
+        } else {
+            Ok(Self::Known(unpacked))
+        }
+    }
 }
 
 async fn read_in_child(
@@ -231,5 +250,46 @@ async fn read_in_child(
     match serde_json::from_slice(&output.stdout).map_err(ApiError::internal)? {
         Verdict::Cloud(summary) => Ok(summary),
         Verdict::Refused { code, detail } => Err(ApiError::new(Code::from_name(&code), detail)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use flate2::Compression;
+    use flate2::write::GzEncoder;
+
+    use super::*;
+
+    fn size(content: &[u8], times_packed: usize) -> (u64, Size) {
+        let mut content = content.to_vec();
+        for _ in 0..times_packed {
+            let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+            encoder.write_all(&content).unwrap();
+            content = encoder.finish().unwrap();
+        }
+        let mut file = tempfile::NamedTempFile::new().unwrap();
+        file.write_all(&content).unwrap();
+        let bytes = content.len() as u64;
+        (bytes, Size::of(file.path(), bytes, 1 << 30).unwrap())
+    }
+
+    #[test]
+    fn what_can_expand_is_weighed_by_what_it_may_become() {
+        assert_eq!(size(b"1 2 3\n", 0).1, Size::Known(6));
+        assert_eq!(size(b"1 2 3\n", 1).1, Size::Known(6));
+        let zeros = vec![b'0'; 3 << 20];
+        assert_eq!(size(&zeros, 0).1, Size::UpTo(3 << 20));
+        let (bytes, found) = size(&zeros, 1);
+        assert!(bytes < 10_000, "{bytes}");
+        assert_eq!(found, Size::UpTo(100 * bytes));
+        let pcd = b"# .PCD v0.7\nDATA binary_compressed\n";
+        for times_packed in [0, 1] {
+            assert_eq!(
+                size(pcd, times_packed).1,
+                Size::UpTo(100 * pcd.len() as u64)
+            );
+        }
     }
 }

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value};
 
 use super::error::{ApiError, Code, Result};
-use super::estimate::Estimate;
 use super::extract::{Members, json};
-use super::inspect::Labels;
 use crate::config::Config;
 use crate::jobs::{Cloud, CloudId, Job, JobId, NewJob};
+use crate::reconstruction::cloud::Counts;
+use crate::reconstruction::plan::{Cost, grid_bytes, largest_resolution};
 use crate::reconstruction::settings::{self, OffSurface};
 use crate::reconstruction::{Preset, Settings};
 
@@ -96,7 +96,7 @@ impl JobRequest {
     /// # Errors
     /// [`Code::SettingsConflict`] for labels that are asked for and not there,
     /// [`Code::GridTooLarge`] and [`Code::TrainingTooLarge`].
-    pub(super) fn check(&self, config: &Config, labels: Option<Labels>) -> Result<Estimate> {
+    pub(super) fn check(&self, config: &Config, labels: Option<Counts>) -> Result<Cost> {
         if self.settings.sampling.off_surface == OffSurface::Labels
             && labels.is_some_and(|labels| labels.interior + labels.exterior == 0)
         {
@@ -107,28 +107,27 @@ impl JobRequest {
             ))
                 .into());
         }
-        let budget = Labels {
-            surface: self.settings.sampling.surface_points as u64,
-            interior: 0,
-            exterior: 0,
+        let budget = Counts {
+            surface: self.settings.sampling.surface_points,
+            ..Counts::default()
         };
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = config.worker_threads(cores);
-        let estimate = Estimate::new(&self.settings, &labels.unwrap_or(budget), threads);
+        let cost = Cost::estimated(&self.settings, &labels.unwrap_or(budget), threads);
         if let Some(limit) = config.job_memory_bytes() {
             self.check_grid(limit)?;
-            self.check_training(&estimate, limit)?;
+            self.check_training(&cost, limit)?;
         }
-        Ok(estimate)
+        Ok(cost)
     }
 
     fn check_grid(&self, limit: u64) -> Result<()> {
-        let bytes = Estimate::grid_bytes(&self.settings);
+        let bytes = grid_bytes(&self.settings);
         if bytes <= limit {
             return Ok(());
         }
         let asked = self.settings.surface.resolution;
-        let largest = Estimate::largest_resolution(&self.settings, limit);
+        let largest = largest_resolution(&self.settings, limit);
         let detail = format!(
             "is {asked}: the grid takes about {}; {largest} is the most that fits",
             shares(bytes, limit)
@@ -141,12 +140,12 @@ impl JobRequest {
         )
     }
 
-    fn check_training(&self, estimate: &Estimate, limit: u64) -> Result<()> {
-        let bytes = estimate.training_bytes;
+    fn check_training(&self, cost: &Cost, limit: u64) -> Result<()> {
+        let bytes = cost.training_bytes;
         if bytes <= limit {
             return Ok(());
         }
-        let (pointer, asked) = if 2 * estimate.pairs_bytes > bytes {
+        let (pointer, asked) = if 2 * cost.pairs_bytes > bytes {
             ("/settings/training/history", self.settings.training.history)
         } else {
             ("/settings/network/width", self.settings.network.width)
@@ -177,7 +176,7 @@ impl JobRequest {
 }
 
 /// Number of points by label, from what the upload found.
-pub(super) fn labels_of(cloud: &Cloud) -> Option<Labels> {
+pub(super) fn labels_of(cloud: &Cloud) -> Option<Counts> {
     serde_json::from_value(cloud.summary.get("labels")?.clone()).ok()
 }
 

@@ -8,6 +8,7 @@ use axum::response::{IntoResponse, Response};
 use serde_json::{Map, Value, json};
 
 use super::AppState;
+use super::bodies::JSON_LIMIT;
 use super::cloud_files;
 use super::error::{ApiError, Code, Result};
 use super::extract::{Id, Members, NoQuery, Query, switch, text};
@@ -18,7 +19,7 @@ use super::job_request::{JobRequest, labels_of, preset_named};
 use super::page::{Page, PageOf};
 use super::results::{Found, found};
 use super::time;
-use super::upload::{self, JSON_LIMIT, Payload, Upload, receive};
+use super::upload::{self, Payload, Upload, receive};
 use super::wait::Wish;
 use crate::jobs::{
     Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject, Verdict,

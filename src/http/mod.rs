@@ -5,13 +5,13 @@
 //! write JSON. Everything that can go wrong leaves as a problem of `error`.
 
 mod accept;
+mod bodies;
 mod cloud_files;
 mod clouds;
 mod disk;
 mod docs;
 mod download;
 pub mod error;
-mod estimate;
 mod events;
 mod extract;
 mod feed;
@@ -28,6 +28,7 @@ mod observe;
 mod origin;
 pub mod own_files;
 mod page;
+mod places;
 mod results;
 mod server;
 mod spool;
@@ -39,15 +40,23 @@ mod training;
 mod upload;
 mod wait;
 
+use std::time::Duration;
+
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::handler::Handler;
 use axum::http::Method;
-use axum::http::Uri;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri, header};
 use axum::middleware;
+use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, MethodRouter, on};
 
+use crate::config::Config;
 use error::{ApiError, Code};
+use tower::util::option_layer;
+use tower_http::compression::CompressionLayer;
+use tower_http::compression::predicate::{Predicate, SizeAbove};
+use tower_http::cors::{AllowHeaders, CorsLayer};
 
 pub use disk::{Disk, Space};
 pub use docs::OPENAPI;
@@ -55,6 +64,26 @@ pub use server::serve;
 pub use state::{App, AppState};
 
 pub use telemetry::Telemetry;
+
+/// How long a browser may remember what a page of another origin may ask.
+const PREFLIGHT: Duration = Duration::from_mins(10);
+
+/// What such a page may read of the header of an answer.
+const EXPOSED: [&str; 10] = [
+    "content-disposition",
+    "content-range",
+    "etag",
+    "idempotency-replayed",
+    "link",
+    "location",
+    "meshway-verdict",
+    "preference-applied",
+    "retry-after",
+    "x-request-id",
+];
+
+/// Least bytes of an answer that is compressed.
+const LEAST_COMPRESSED: u64 = 1_024;
 
 /// Bytes that a form may have beyond its file: names, boundaries, the `job` part.
 const FORM_OVERHEAD: usize = 1 << 20;
@@ -117,9 +146,50 @@ pub fn operations() -> Vec<(String, &'static str)> {
 
 /// The API over a state, ready to be served or called by a test.
 pub fn router(state: AppState) -> Router {
+    let cors = option_layer(cors(&state.config));
+    let compression = CompressionLayer::new().compress_when(text());
     handlers(state.clone())
+        .layer(compression)
         .layer(middleware::from_fn_with_state(state.clone(), origin::guard))
+        .layer(cors)
         .layer(middleware::from_fn_with_state(state, observe::observe))
+}
+
+/// Pages of the origins that the operator names may read the answers; without any there is no
+/// header of CORS at all.
+fn cors(config: &Config) -> Option<CorsLayer> {
+    let origins: Vec<HeaderValue> = config
+        .origins()
+        .filter_map(|origin| HeaderValue::from_str(origin).ok())
+        .collect();
+    let layer = CorsLayer::new()
+        .allow_methods([Method::GET, Method::HEAD, Method::POST, Method::DELETE])
+        .allow_headers(AllowHeaders::mirror_request())
+        .expose_headers(EXPOSED.map(HeaderName::from_static))
+        .max_age(PREFLIGHT);
+    (!origins.is_empty()).then(|| layer.allow_origin(origins))
+}
+
+/// What is compressed: text that is worth it. Meshes and clouds are not: their ranges and tags are
+/// those of their bytes.
+fn text() -> impl Predicate {
+    SizeAbove::new(LEAST_COMPRESSED).and(
+        |_: StatusCode, _: axum::http::Version, headers: &HeaderMap, _: &axum::http::Extensions| {
+            let kind = headers.get(header::CONTENT_TYPE);
+            let kind = kind.and_then(|kind| kind.to_str().ok()).unwrap_or_default();
+            let essence = kind.split(';').next().unwrap_or_default();
+            matches!(
+                essence,
+                "application/json"
+                    | "application/yaml"
+                    | "application/x-ndjson"
+                    | "text/csv"
+                    | "text/html"
+                    | "text/plain"
+                    | "application/openmetrics-text"
+            )
+        },
+    )
 }
 
 /// The same without what is around every request.
@@ -146,11 +216,12 @@ async fn nothing_here(uri: Uri) -> ApiError {
     )
 }
 
-async fn wrong_method(method: Method) -> ApiError {
-    ApiError::new(
-        Code::MethodNotAllowed,
-        format!("{method} is not for this resource; Allow lists what is"),
-    )
+async fn wrong_method(method: Method) -> Response {
+    if method == Method::OPTIONS {
+        return StatusCode::NO_CONTENT.into_response();
+    }
+    let detail = format!("{method} is not for this resource; Allow lists what is");
+    ApiError::new(Code::MethodNotAllowed, detail).into_response()
 }
 
 fn get<H: Handler<T, AppState>, T: 'static>(path: &'static str, handler: H) -> Operation {

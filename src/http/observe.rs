@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use axum::body::Body;
 use axum::extract::{MatchedPath, Request, State};
+use axum::http::header::RANGE;
 use axum::http::{HeaderName, HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::Response;
@@ -13,6 +14,7 @@ use tracing::Instrument;
 
 use super::AppState;
 use super::error::{ApiError, Code};
+use super::places::Peer;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
@@ -44,17 +46,27 @@ pub(super) async fn observe(
     let id = RequestId::of(&request);
     request.extensions_mut().insert(id.clone());
     let method = known(request.method());
+    if method == "HEAD" {
+        // Ranges are for GET (RFC 9110 section 14.2).
+        request.headers_mut().remove(RANGE);
+    }
     let route = request
         .extensions()
         .get::<MatchedPath>()
         .map_or("unmatched", MatchedPath::as_str)
         .to_owned();
     let traceparent = request.headers().get("traceparent");
+    // Without its query: labels may be in that.
+    let path = request.uri().path();
+    let path = if route == "unmatched" { "" } else { path }.to_owned();
+    let peer = request.extensions().get::<Peer>().map(|peer| peer.0);
     let span = tracing::info_span!(
         "request",
         http.request.id = id.0,
         http.method = method,
         http.route = route,
+        url.path = path,
+        client.address = peer.map(tracing::field::display),
         trace.parent = traceparent.and_then(|parent| parent.to_str().ok()),
     );
     let handled = AssertUnwindSafe(next.run(request))
@@ -84,7 +96,12 @@ pub(super) async fn observe(
     let status = response.status().as_u16();
     let seconds = started.elapsed().as_secs_f64();
     app.telemetry.answered(method, &route, status, seconds);
-    tracing::info!(http.status = status, duration_seconds = seconds, "answered");
+    // Probes come every few seconds and would hide the rest.
+    if matches!(path.as_str(), "/livez" | "/readyz" | "/metrics") {
+        tracing::debug!(http.status = status, duration_seconds = seconds, "answered");
+    } else {
+        tracing::info!(http.status = status, duration_seconds = seconds, "answered");
+    }
     response
 }
 

@@ -3,8 +3,8 @@
 //! Without keys the address is the only guard, and a web page of anyone can make a browser send
 //! requests to it. A page whose name is made to resolve to this machine (DNS rebinding) shows its
 //! own name in `Host`; a page that sends a form or a script's request across shows itself in
-//! `Origin` or `Sec-Fetch-Site`. Reads across sites pass: without CORS headers, which this service
-//! never sends, the browser keeps their answers from the page.
+//! `Origin` or `Sec-Fetch-Site`. Reads across sites pass: without CORS headers, which only the
+//! origins that the operator allows get, the browser keeps their answers from the page.
 
 use std::net::IpAddr;
 
@@ -56,6 +56,9 @@ fn check(config: &Config, request: &Request) -> Result<()> {
     }
     let across = header(headers, &SEC_FETCH_SITE)? == Some("cross-site");
     let origin = header(headers, &ORIGIN)?;
+    if origin.is_some_and(|origin| config.origins().any(|allowed| allowed == origin)) {
+        return Ok(());
+    }
     let elsewhere = origin.is_some_and(|origin| {
         let authority = origin.split_once("://").map(|(_, authority)| authority);
         !authority

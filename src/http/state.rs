@@ -6,6 +6,7 @@ use std::sync::{Arc, PoisonError};
 use tokio::sync::{RwLock, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 
+use super::bodies::Bodies;
 use super::disk::Disk;
 use super::error::{ApiError, Code, Result};
 use super::feed::Feed;
@@ -35,8 +36,12 @@ pub struct App {
     pub shutdown: CancellationToken,
     /// When the service started, in milliseconds since the epoch.
     pub started_at: i64,
-    /// Bytes, in KiB, of the uploads that may be parsed at the same time.
+    /// Memory, in KiB, for the uploads that this process parses at the same time.
     pub(super) parsing: Arc<Semaphore>,
+    /// Bytes, in KiB, of the uploads that children parse at the same time.
+    pub(super) children: Arc<Semaphore>,
+    /// Memory for bodies that are gathered.
+    pub(super) bodies: Bodies,
     /// Shared by uploads, taken alone by erasing: see `cloud_files`.
     pub(super) cloud_files: RwLock<()>,
     /// This program, of which a child reads large files.
@@ -53,9 +58,12 @@ pub struct App {
     pub(super) evaluations: Semaphore,
 }
 
-/// Most bytes of uploads that are parsed at the same time, in KiB: a parsed cloud takes up to
-/// about 20 times its file.
-pub(super) const PARSED_KIB: u32 = 64 * 1024;
+/// Memory for the uploads that this process parses at the same time, in KiB.
+pub(super) const PARSED_KIB: u32 = 96 * 1024;
+
+/// Most bytes of uploads, unpacked, that children parse at the same time, in KiB: a parsed cloud
+/// takes up to about 20 times its file.
+pub(super) const CHILDREN_KIB: u32 = 64 * 1024;
 
 impl App {
     /// The state of a service over an open store; `program` is the `meshway` to start children of.
@@ -75,7 +83,7 @@ impl App {
         let feed = Feed::start(
             store.clone(),
             Arc::clone(&gauges),
-            config.max_streams,
+            [config.max_streams, config.streams_per_client()],
             shutdown.clone(),
         );
         Arc::new(Self {
@@ -90,6 +98,8 @@ impl App {
             cloud_files: RwLock::new(()),
             program,
             parsing: Arc::new(Semaphore::new(PARSED_KIB as usize)),
+            children: Arc::new(Semaphore::new(CHILDREN_KIB as usize)),
+            bodies: Bodies::default(),
             store,
             config,
             workers,

@@ -5,17 +5,18 @@ use std::time::Duration;
 use axum::Json;
 use axum::extract::State;
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
-use axum::http::{HeaderName, HeaderValue};
+use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use axum::response::{Html, IntoResponse, Response};
 use serde_json::{Map, Value, json};
 
+use super::accept::preferred;
+use super::bodies::JSON_LIMIT;
 use super::error::{ApiError, Code, Result};
 use super::extract::{MAX_WAIT_SECONDS, NoQuery};
 use super::job_request::{MAX_LABEL_LENGTH, MAX_LABELS};
 use super::server::MAX_HEAD_BYTES;
 use super::spool::MAX_EXPANSION;
 use super::time::rfc3339;
-use super::upload::JSON_LIMIT;
 use super::{AppState, docs, events, field, idempotency, page};
 use crate::reconstruction::Preset;
 use crate::reconstruction::cloud::MAX_HEADER_BYTES;
@@ -153,17 +154,57 @@ async fn checks(app: &AppState) -> [(&'static str, std::result::Result<(), Strin
 }
 
 /// GET /metrics
-pub(super) async fn metrics(State(app): State<AppState>) -> Result<Response> {
+pub(super) async fn metrics(State(app): State<AppState>, headers: HeaderMap) -> Result<Response> {
     app.gauges.refresh(&app).await?;
     let mut text = String::new();
     let registry = app.telemetry.registry.lock();
     let registry = registry.unwrap_or_else(std::sync::PoisonError::into_inner);
     prometheus_client::encoding::text::encode(&mut text, &registry).map_err(ApiError::internal)?;
-    let media_type = "application/openmetrics-text; version=1.0.0; charset=utf-8";
-    let media_type = HeaderValue::from_static(media_type);
+    let offers = [
+        ("application/openmetrics-text", true),
+        ("text/plain", false),
+    ];
+    let open = preferred(&headers, &offers).unwrap_or(true);
+    let media_type = HeaderValue::from_static(if open {
+        "application/openmetrics-text; version=1.0.0; charset=utf-8"
+    } else {
+        text = plain_metrics(&text);
+        "text/plain; version=0.0.4; charset=utf-8"
+    });
     Ok(uncached(
         ([(CONTENT_TYPE, media_type)], text).into_response(),
     ))
+}
+
+/// `OpenMetrics` in the older text format: names of counters and of what is told of the build have
+/// their endings everywhere, and there is no type `info`, no unit and no end.
+fn plain_metrics(open: &str) -> String {
+    let mut plain = String::with_capacity(open.len());
+    let mut help = None;
+    for line in open.lines() {
+        let words: Vec<&str> = line.splitn(4, ' ').collect();
+        match words.as_slice() {
+            // Comes before TYPE, which decides on the ending.
+            ["#", "HELP", name, text] => help = Some((*name, *text)),
+            ["#", "TYPE", name, kind] => {
+                let (ending, kind) = match *kind {
+                    "counter" => ("_total", "counter"),
+                    "info" => ("_info", "gauge"),
+                    kind => ("", kind),
+                };
+                if let Some((_, text)) = help.take().filter(|(of, _)| of == name) {
+                    plain.extend(["# HELP ", name, ending, " ", text, "\n"]);
+                }
+                plain.extend(["# TYPE ", name, ending, " ", kind, "\n"]);
+            }
+            ["#", ..] => {}
+            _ => {
+                plain += line;
+                plain.push('\n');
+            }
+        }
+    }
+    plain
 }
 
 /// GET /openapi.yaml

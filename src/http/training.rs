@@ -12,7 +12,7 @@ use super::accept::preferred;
 use super::error::{ApiError, Code, Result};
 use super::extract::{NoQuery, Query, text};
 use super::results::Found;
-use crate::jobs::JobId;
+use crate::jobs::{Job, JobId};
 use crate::reconstruction::training::Metrics;
 
 /// Rows read at once.
@@ -38,6 +38,11 @@ pub(super) async fn metrics(
     mut query: Query,
     headers: HeaderMap,
 ) -> Result<Response> {
+    let each_block = query.take("blocks", text::<bool>).unwrap_or(false);
+    if each_block {
+        query.finish()?;
+        return Ok(blocks(&job).into_response());
+    }
     let fields = query.take("fields", |list| fields(&list));
     let fields = fields.unwrap_or_else(|| Field::ALL.to_vec());
     let after = query.take("after", text::<u64>).unwrap_or(0);
@@ -105,6 +110,21 @@ pub(super) async fn metrics(
         .into_response())
 }
 
+/// A list of each block a quantity, as the report has them; none before there is a report, or where there are no
+/// blocks.
+fn blocks(job: &Job) -> Json<Value> {
+    let report = job.report.as_ref();
+    let blocks = report
+        .and_then(|report| report.get("blocks"))
+        .unwrap_or(&Value::Null);
+    Json(json!({
+        "job_id": job.id,
+        "status": job.status,
+        "blocks": blocks.get("count").and_then(Value::as_u64).unwrap_or(0),
+        "series": blocks.get("each").cloned().unwrap_or_else(|| json!({})),
+    }))
+}
+
 async fn read(app: &AppState, id: &JobId, mut after: u64) -> Result<Vec<Metrics>> {
     let mut rows = Vec::new();
     loop {
@@ -128,10 +148,11 @@ enum Field {
     GradientNorm,
     StepLength,
     WeightNorms,
+    Blocks,
 }
 
 impl Field {
-    const ALL: [Self; 7] = [
+    const ALL: [Self; 8] = [
         Self::Evaluation,
         Self::Iteration,
         Self::Loss,
@@ -139,6 +160,7 @@ impl Field {
         Self::GradientNorm,
         Self::StepLength,
         Self::WeightNorms,
+        Self::Blocks,
     ];
 
     fn name(self) -> &'static str {
@@ -150,6 +172,7 @@ impl Field {
             Self::GradientNorm => "gradient_norm",
             Self::StepLength => "step_length",
             Self::WeightNorms => "weight_norms",
+            Self::Blocks => "blocks",
         }
     }
 
@@ -159,6 +182,7 @@ impl Field {
             Self::Evaluation => json!(row.evaluation),
             Self::Iteration => json!(row.iteration),
             Self::WeightNorms => json!(row.weight_norms),
+            Self::Blocks => json!(row.blocks),
             _ => json!(self.number(row)),
         }
     }
@@ -170,7 +194,7 @@ impl Field {
             Self::ValidationLoss => row.validation_loss,
             Self::GradientNorm => Some(row.gradient_norm),
             Self::StepLength => Some(row.step_length),
-            Self::Evaluation | Self::Iteration | Self::WeightNorms => None,
+            Self::Evaluation | Self::Iteration | Self::WeightNorms | Self::Blocks => None,
         }
         .filter(|number| number.is_finite())
     }
@@ -314,6 +338,7 @@ mod tests {
             gradient_norm: 1.0,
             step_length: f64::INFINITY,
             weight_norms: vec![1.0, 2.5],
+            blocks: None,
         }
     }
 

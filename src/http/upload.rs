@@ -1,6 +1,5 @@
 //! Bodies as they come in: raw, as a form, or as a little JSON; never waited for without end.
 
-use std::future::Future;
 use std::time::Duration;
 
 use axum::body::{Body, BodyDataStream};
@@ -10,18 +9,14 @@ use axum::http::header::{CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE};
 use axum::http::{HeaderMap, StatusCode};
 use bytes::{Bytes, BytesMut};
 use futures_util::StreamExt;
+use tokio::sync::OwnedSemaphorePermit;
 
 use super::AppState;
+use super::bodies::{BATCH, Gathered, JSON_LIMIT, Pace};
 use super::error::{ApiError, Code, Result};
 use super::extract::header;
 use super::spool::{Encoding, Spool, Spooled, too_large};
 use crate::reconstruction::cloud::Format;
-
-/// Bytes that are gathered before a thread is asked to write them.
-const BATCH: usize = 256 * 1024;
-
-/// Most bytes of a JSON body, and of the `job` part of a form.
-pub(super) const JSON_LIMIT: usize = 64 * 1024;
 
 /// How long the rest of a refused body is read.
 const LINGER: Duration = Duration::from_secs(2);
@@ -39,9 +34,9 @@ pub(super) struct Upload {
 #[derive(Debug)]
 pub(super) enum Payload {
     /// A JSON document.
-    Json(Bytes),
+    Json(Gathered),
     /// A file, and the `job` part of the form that it came in.
-    File(Upload, Option<Bytes>),
+    File(Upload, Option<Gathered>),
 }
 
 /// Takes in a body: a form or JSON where `Content-Type` says so, anything else as a file.
@@ -68,35 +63,30 @@ pub(super) async fn receive(app: &AppState, request: Request) -> Result<Payload>
 /// # Errors
 /// [`Code::BodyTooLarge`], [`Code::UnsupportedEncoding`], [`Code::UploadTimeout`],
 /// [`Code::BodyBrokenOff`].
-pub(super) async fn json(app: &AppState, request: Request, limit: usize) -> Result<Bytes> {
+pub(super) async fn json(app: &AppState, request: Request, limit: usize) -> Result<Gathered> {
     let encoding = header(request.headers(), &CONTENT_ENCODING)?;
     if Encoding::of(encoding)? != Encoding::Identity {
         let detail = "a JSON body is taken without Content-Encoding";
         return Err(ApiError::new(Code::UnsupportedEncoding, detail));
     }
+    let declared = length(request.headers())?;
+    let mut body = app.bodies.gather(declared, limit).await?;
+    let mut pace = pace(app);
     let mut stream = request.into_body().into_data_stream();
-    let mut body = BytesMut::new();
-    while let Some(chunk) = next(app, &mut stream).await? {
-        gather(&mut body, &chunk, limit)?;
+    while let Some(chunk) = next(&mut pace, &mut stream).await? {
+        body.push(&chunk)?;
     }
-    Ok(body.freeze())
-}
-
-fn gather(body: &mut BytesMut, chunk: &[u8], limit: usize) -> Result<()> {
-    if body.len() + chunk.len() > limit {
-        return Err(too_large(limit as u64));
-    }
-    body.extend_from_slice(chunk);
-    Ok(())
+    Ok(body)
 }
 
 async fn raw(app: &AppState, headers: &HeaderMap, body: Body) -> Result<Spooled> {
     let encoding = Encoding::of(header(headers, &CONTENT_ENCODING)?)?;
-    let declared = declared_bytes(headers)?;
+    let declared = length(headers)?.unwrap_or(0);
+    let mut pace = pace(app);
     let mut receiver = Receiver::new(app, encoding, declared)?;
     let mut stream = body.into_data_stream();
     let taken = async {
-        while let Some(chunk) = next(app, &mut stream).await? {
+        while let Some(chunk) = next(&mut pace, &mut stream).await? {
             receiver.push(&chunk).await?;
         }
         Ok(())
@@ -122,31 +112,32 @@ async fn form(app: &AppState, request: Request) -> Result<Payload> {
         return Err(ApiError::new(Code::UnsupportedEncoding, detail));
     }
     // Checked here too: a form is a little larger than its file.
-    let declared = declared_bytes(request.headers())?;
+    let declared = length(request.headers())?.unwrap_or(0);
+    let mut pace = pace(app);
     app.disk.check(declared)?;
     let mut form = Multipart::from_request(request, &())
         .await
         .map_err(|error| ApiError::new(Code::MalformedMultipart, error.body_text()))?;
     let (mut upload, mut job) = (None, None);
-    while let Some(mut part) = in_time(app, form.next_field())
+    while let Some(mut part) = pace
+        .wait(form.next_field())
         .await?
         .map_err(|error| broken(&error))?
     {
         let name = part.name().unwrap_or_default().to_owned();
         match name.as_str() {
-            "file" if upload.is_none() => upload = Some(file_part(app, part).await?),
+            "file" if upload.is_none() => upload = Some(file_part(app, &mut pace, part).await?),
             "job" if job.is_none() => {
-                let mut body = BytesMut::new();
-                while let Some(chunk) = in_time(app, part.chunk())
-                    .await?
-                    .map_err(|error| broken(&error))?
-                {
-                    gather(&mut body, &chunk, JSON_LIMIT)?;
+                let mut body = app.bodies.gather(None, JSON_LIMIT).await?;
+                while let Some(chunk) = next_of(&mut pace, &mut part).await? {
+                    body.push(&chunk)?;
                 }
-                job = Some(body.freeze());
+                job = Some(body);
             }
             _ => {
-                let detail = format!("part {name:.40}: one file and at most one job are taken");
+                let detail = format!(
+                    "part {name:.40}: one part named file and at most one named job are taken"
+                );
                 return Err(ApiError::new(Code::MalformedMultipart, detail));
             }
         }
@@ -156,16 +147,13 @@ async fn form(app: &AppState, request: Request) -> Result<Payload> {
     Ok(Payload::File(upload, job))
 }
 
-async fn file_part(app: &AppState, mut part: Field<'_>) -> Result<Upload> {
+async fn file_part(app: &AppState, pace: &mut Pace, mut part: Field<'_>) -> Result<Upload> {
     let hint = part
         .content_type()
         .and_then(format_of_media_type)
         .or_else(|| Format::from_extension(part.file_name()?));
     let mut receiver = Receiver::new(app, Encoding::Identity, 0)?;
-    while let Some(chunk) = in_time(app, part.chunk())
-        .await?
-        .map_err(|error| broken(&error))?
-    {
+    while let Some(chunk) = next_of(pace, &mut part).await? {
         receiver.push(&chunk).await?;
     }
     let spooled = receiver.finish().await?;
@@ -183,21 +171,34 @@ fn broken(error: &MultipartError) -> ApiError {
     }
 }
 
-/// `Content-Length`, 0 where the length is not told.
-fn declared_bytes(headers: &HeaderMap) -> Result<u64> {
+/// `Content-Length`, where the length is told.
+fn length(headers: &HeaderMap) -> Result<Option<u64>> {
     let Some(length) = header(headers, &CONTENT_LENGTH)? else {
-        return Ok(0);
+        return Ok(None);
     };
-    length
-        .parse()
+    let bytes = length.parse();
+    bytes
+        .map(Some)
         .map_err(|_| ApiError::new(Code::BadHeader, "Content-Length must be a number"))
 }
 
-async fn next(app: &AppState, stream: &mut BodyDataStream) -> Result<Option<Bytes>> {
-    in_time(app, stream.next())
-        .await?
-        .transpose()
-        .map_err(|error| broken_off(&error))
+fn pace(app: &AppState) -> Pace {
+    let seconds = app.config.upload_timeout_seconds.max(1);
+    Pace::new(Duration::from_secs(seconds.into()))
+}
+
+async fn next(pace: &mut Pace, stream: &mut BodyDataStream) -> Result<Option<Bytes>> {
+    let chunk = pace.wait(stream.next()).await?.transpose();
+    let chunk = chunk.map_err(|error| broken_off(&error))?;
+    pace.came(chunk.as_ref().map_or(0, Bytes::len));
+    Ok(chunk)
+}
+
+async fn next_of(pace: &mut Pace, part: &mut Field<'_>) -> Result<Option<Bytes>> {
+    let chunk = pace.wait(part.chunk()).await?;
+    let chunk = chunk.map_err(|error| broken(&error))?;
+    pace.came(chunk.as_ref().map_or(0, Bytes::len));
+    Ok(chunk)
 }
 
 /// The client is gone or its framing is broken: hardly anyone reads this answer.
@@ -209,24 +210,14 @@ fn broken_off(error: &dyn std::error::Error) -> ApiError {
     )
 }
 
-/// What comes within the time that an upload may stand still.
-async fn in_time<T>(app: &AppState, coming: impl Future<Output = T>) -> Result<T> {
-    let patience = Duration::from_secs(u64::from(app.config.upload_timeout_seconds.max(1)));
-    tokio::time::timeout(patience, coming).await.map_err(|_| {
-        let seconds = patience.as_secs();
-        ApiError::new(
-            Code::UploadTimeout,
-            format!("nothing came for {seconds} seconds"),
-        )
-    })
-}
-
 /// Gathers chunks into batches and has them written where blocking does not hurt. No thread waits
 /// for a client: a thousand slow uploads hold none.
 struct Receiver {
     /// Away while a thread writes.
     spool: Option<Spool>,
     batch: BytesMut,
+    /// Without a place nothing is gathered.
+    place: Option<OwnedSemaphorePermit>,
 }
 
 impl Receiver {
@@ -240,12 +231,13 @@ impl Receiver {
         Ok(Self {
             spool: Some(Spool::new(&folder, encoding, limit)?),
             batch: BytesMut::new(),
+            place: app.bodies.batch(),
         })
     }
 
     async fn push(&mut self, chunk: &[u8]) -> Result<()> {
         self.batch.extend_from_slice(chunk);
-        if self.batch.len() < BATCH {
+        if self.place.is_some() && self.batch.len() < BATCH {
             return Ok(());
         }
         self.write().await

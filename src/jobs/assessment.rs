@@ -39,6 +39,7 @@ fn mesh(report: &Value) -> Value {
         "genus": measured["genus"],
         "volume": measured["volume"],
         "unsupported_area_percent": report["surface"]["unsupported_area_percent"],
+        "orientation_confidence": report["cloud"]["orientation_confidence"],
     })
 }
 

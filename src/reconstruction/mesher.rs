@@ -1,21 +1,20 @@
 //! From a trained field to the mesh that a run gives: everything that is the same for snapshots and the result.
 
-use std::f64::consts::PI;
-
 use super::cloud::PointCloud;
 use super::error::Error;
 use super::mesh::{Limits, PointTree, TriangleMesh, simplify, trim};
 use super::observer::Observer;
+use super::plan::{Extent, Plan};
 use super::report::SurfaceReport;
 use super::sampling::Prepared;
-use super::settings::{Components, Evaluation, Settings};
+use super::settings::Components;
 use super::surface::{Field, MAX_TRIANGLES, Request, extract, keep_components};
 use super::vector::{Bounds, Vec3};
 
 /// Turns fields into meshes.
 pub(super) struct Mesher<'a> {
     cloud: &'a PointCloud,
-    pub(super) settings: &'a Settings,
+    pub(super) plan: &'a Plan<'a>,
     pub(super) prepared: &'a Prepared,
     pub(super) observer: &'a dyn Observer,
     bounds: Bounds,
@@ -25,7 +24,7 @@ pub(super) struct Mesher<'a> {
 impl<'a> Mesher<'a> {
     pub(super) fn new(
         cloud: &'a PointCloud,
-        settings: &'a Settings,
+        plan: &'a Plan<'a>,
         prepared: &'a Prepared,
         observer: &'a dyn Observer,
     ) -> Self {
@@ -40,45 +39,15 @@ impl<'a> Mesher<'a> {
             max: [0.0; 3],
         };
         let bounds = Bounds::of(&surface_points).unwrap_or(origin);
-        let bounds = bounds.padded(settings.surface.padding * bounds.longest_edge());
+        let bounds = bounds.padded(plan.settings.surface.padding * bounds.longest_edge());
         Self {
             cloud,
-            settings,
+            plan,
             prepared,
             observer,
             bounds,
             surface_points,
         }
-    }
-
-    /// Grid points along the longest edge: those of the settings, no more than the spacing of the points carries,
-    /// and so many more for a body with little surface for its length that the grid has as many cells at the
-    /// surface as for a ball.
-    fn resolution(&self) -> usize {
-        let settings = &self.settings.surface;
-        if settings.steps_per_spacing <= 0.0 {
-            return settings.resolution;
-        }
-        let longest = self.bounds.longest_edge();
-        let step = self.prepared.spacing / settings.steps_per_spacing;
-        let enough = ((longest / step).ceil() as usize).max(LEAST_RESOLUTION);
-        let chosen = if self.prepared.blocks > 0 {
-            let detail = longest / (BLOCK_STEP * self.prepared.spacing);
-            settings
-                .resolution
-                .max(detail.min(MOST_RESOLUTION) as usize)
-                .min(enough)
-        } else {
-            settings.resolution.min(enough)
-        };
-        let (Evaluation::Sparse, Some(area)) = (settings.evaluation, self.prepared.area) else {
-            return chosen;
-        };
-        let slenderness = (PI * longest * longest / area).sqrt();
-        let cube = longest.powi(3) / self.bounds.extent().into_iter().product::<f64>();
-        let most = MOST_RESOLUTION.min((MOST_GRID_POINTS * cube).cbrt());
-        let finer = (settings.resolution as f64 * slenderness).min(most) as usize;
-        chosen.max(finer.min(enough))
     }
 
     /// The mesh of `field`, in the coordinates of the input.
@@ -88,12 +57,17 @@ impl<'a> Mesher<'a> {
         stopped: &dyn Fn() -> bool,
         progress: &dyn Fn(f64),
     ) -> Result<(TriangleMesh, SurfaceReport), Error> {
-        let settings = &self.settings.surface;
+        let settings = &self.plan.settings.surface;
+        let extent = Extent {
+            bounds: self.bounds,
+            spacing: self.prepared.spacing,
+            area: self.prepared.area,
+        };
         let extraction = extract(
             field,
             &Request {
                 bounds: self.bounds,
-                resolution: self.resolution(),
+                resolution: self.plan.resolution(&extent, self.prepared.blocks > 0),
                 evaluation: settings.evaluation,
                 projection_steps: settings.projection_steps,
                 max_triangles: MAX_TRIANGLES,
@@ -149,12 +123,12 @@ impl<'a> Mesher<'a> {
         stopped: &dyn Fn() -> bool,
     ) -> Result<TriangleMesh, Error> {
         let before = mesh.triangles.len();
-        let target = self.settings.surface.target_triangles;
+        let target = self.plan.settings.surface.target_triangles;
         if target == 0 || before <= target {
             return Ok(mesh);
         }
         let prepared = self.prepared;
-        let noise = prepared.noise.unwrap_or_default();
+        let noise = prepared.noise().unwrap_or_default();
         let error = (SPACING_SHARE * prepared.spacing).max(NOISE_SHARE * noise);
         let limits = Limits {
             triangles: target,
@@ -166,16 +140,6 @@ impl<'a> Mesher<'a> {
     }
 }
 
-/// Grid step over the spacing of the points where blocks show their detail.
-const BLOCK_STEP: f64 = 0.9;
-
-/// Most grid points along the longest edge, as in the settings.
-const MOST_RESOLUTION: f64 = 1024.0;
-
-/// Most grid points in all where slender bodies get more than the settings say: a bit each for three sets of them
-/// is 50 MB.
-const MOST_GRID_POINTS: f64 = 1.3e8;
-
 /// Furthest that simplification may move the surface, in spacings of the points. Where these are exact, about two
 /// triangles a point are left then: as many as join the points themselves.
 const SPACING_SHARE: f64 = 0.05;
@@ -183,9 +147,6 @@ const SPACING_SHARE: f64 = 0.05;
 /// The same in standard deviations of their noise, where that is more: the error of the surface, which the noise
 /// has made, grows by less than a fifth then, in the median.
 const NOISE_SHARE: f64 = 0.25;
-
-/// Least number of grid points along the longest edge that the spacing of the points leads to.
-const LEAST_RESOLUTION: usize = 64;
 
 /// How far a point may be from a component, or a piece of the surface, that it supports, in spacings of points
 /// or grid. The gaps of a random sampling stay below two.

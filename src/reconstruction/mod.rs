@@ -1,7 +1,7 @@
 //! The mathematics: a point cloud in, a watertight mesh out.
 //!
 //! The data flows through `cloud`, `sampling`, `network`, `training`, `surface`, `mesh` and `quality`;
-//! `run` has the whole way in one screen. References used below:
+//! `plan` decides what is done, and `run` has the whole way in one screen. References used below:
 //!
 //! - \[N24\] Noorizadegan, Hon, Young, Chen: Highway Networks for Improved Surface Reconstruction:
 //!   The Role of Residuals and Weight Updates, arXiv:2407.08134.
@@ -23,6 +23,7 @@ pub mod cloud;
 pub mod mesh;
 mod model;
 pub mod network;
+pub mod plan;
 pub mod quality;
 pub mod random;
 pub mod report;
@@ -34,16 +35,19 @@ pub mod training;
 pub mod vector;
 pub mod verify;
 
+mod coarse;
 mod error;
 mod mesher;
 mod observer;
 mod run;
 mod symmetric;
+mod threads;
 
 pub use blocks::{Block, BlockModel};
 pub use error::Error;
 pub use model::{Model, ModelError};
 pub use observer::{Event, Observer, Phase, Warning};
 pub use report::{Input, Report};
-pub use run::{Reconstruction, in_pool, reconstruct, set_threads};
+pub use run::{Reconstruction, reconstruct};
 pub use settings::{Preset, Settings};
+pub use threads::{in_pool, set_threads};

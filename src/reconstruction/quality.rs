@@ -1,9 +1,12 @@
 //! The report on a mesh: what it is, and how far it is from the points or from a known surface.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 use super::mesh::{
-    Distances, PointTree, SurfacePoint, SurfaceTree, Topology, TriangleMesh, sample_surface,
+    Closest, Distances, PointTree, SurfacePoint, Topology, TriangleMesh, closest_to_each,
+    sample_surface,
 };
 use super::random::{self, Purpose};
 use super::vector::{Bounds, Vec3, dot, normalized};
@@ -55,41 +58,47 @@ pub struct Comparison {
     pub diagonal: f64,
 }
 
-/// A mesh, indexed once for all the questions that a report asks of it.
+/// Points measured against a mesh, once for all the questions that a report asks.
 pub struct Judge<'a> {
     mesh: &'a TriangleMesh,
-    tree: SurfaceTree,
+    points: &'a [Vec3],
+    closest: Vec<Closest>,
     samples: Vec<Vec3>,
 }
 
 impl<'a> Judge<'a> {
-    /// Indexes `mesh` and draws points from it; `None` where it has no area.
+    /// Finds what is closest to each of `points` and draws points from the mesh; `None` where it has no area.
     ///
     /// # Determinism
     /// The same seed gives the same numbers, for any number of threads.
-    pub fn new(mesh: &'a TriangleMesh, seed: u64) -> Option<Self> {
-        let tree = SurfaceTree::new(mesh)?;
-        let samples = surface_samples(mesh, seed)
-            .iter()
-            .map(|sample| sample.position)
-            .collect();
+    pub fn new(mesh: &'a TriangleMesh, points: &'a [Vec3], seed: u64) -> Option<Self> {
         Some(Self {
             mesh,
-            tree,
-            samples,
+            points,
+            closest: closest_to_each(mesh, points)?,
+            samples: surface_samples(mesh, seed)
+                .iter()
+                .map(|sample| sample.position)
+                .collect(),
         })
     }
 
-    /// How far the mesh and `points`, which are finite, are from each other; `None` without points.
+    /// What is closest to each of the points.
+    pub(super) fn closest(&self) -> &[Closest] {
+        &self.closest
+    }
+
+    /// How far the mesh and those of the points are from each other; `None` without points.
     ///
-    /// The points may be some of a cloud only, even a single one: percentages refer to the box of
+    /// They may be some of a cloud only, even a single one: percentages refer to the box of
     /// `whole`, or, where all of that lies in one place, to the box of the mesh.
-    pub fn compare(&self, points: &[Vec3], whole: &[Vec3]) -> Option<Comparison> {
+    pub fn compare(&self, those: Range<usize>, whole: &[Vec3]) -> Option<Comparison> {
         let diagonal = |bounds: Option<Bounds>| bounds.map(|bounds| bounds.diagonal());
         let of_whole = diagonal(Bounds::of(whole)).filter(|&length| length > 0.0);
         let diagonal = of_whole.or_else(|| diagonal(self.mesh.bounds()))?;
-        let to_mesh = self.tree.distances(points);
-        let to_cloud = PointTree::new(points)?.distances(&self.samples);
+        let of_these = &self.closest[those.clone()];
+        let to_mesh: Vec<f64> = of_these.iter().map(|closest| closest.distance).collect();
+        let to_cloud = PointTree::new(&self.points[those])?.distances(&self.samples);
         Some(Comparison {
             cloud_to_mesh: Distances::of(&to_mesh, diagonal)?,
             mesh_to_cloud: Distances::of(&to_cloud, diagonal)?,
@@ -97,15 +106,14 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Mean cosine between `normals` at `points` and the normal of the closest triangle: 1 where
+    /// Mean cosine between `normals`, those of the first points, and the normal of the closest triangle: 1 where
     /// they agree, -1 where the mesh is inside out. Normals without a direction are left out;
     /// `None` where none is left.
-    pub fn normal_agreement(&self, points: &[Vec3], normals: &[Vec3]) -> Option<f64> {
-        let closest = self.tree.closest_to_each(points);
+    pub fn normal_agreement(&self, normals: &[Vec3]) -> Option<f64> {
         mean(
             normals
                 .iter()
-                .zip(&closest)
+                .zip(&self.closest)
                 .filter_map(|(&normal, closest)| {
                     cosine(normal, self.mesh.area_vector(closest.triangle))
                 }),
@@ -166,7 +174,7 @@ pub fn compare_meshes(
 fn directed(from: &TriangleMesh, to: &TriangleMesh, seed: u64) -> Option<(Vec<f64>, f64)> {
     let samples = surface_samples(from, seed);
     let positions: Vec<Vec3> = samples.iter().map(|sample| sample.position).collect();
-    let closest = SurfaceTree::new(to)?.closest_to_each(&positions);
+    let closest = closest_to_each(to, &positions)?;
     let distances = closest.iter().map(|closest| closest.distance).collect();
     let cosines = samples
         .iter()

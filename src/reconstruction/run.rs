@@ -2,17 +2,18 @@
 
 use super::blocks::{self, Refined, State};
 use super::cloud::PointCloud;
+use super::coarse;
 use super::error::Error;
 use super::mesh::TriangleMesh;
 use super::mesher::Mesher;
 use super::model::Model;
-use super::network::{Engine, Ensemble, Scalar, engine};
+use super::network::{MeanField, Scalar, engine};
 use super::observer::{Event, Observer, Phase};
+use super::plan::{Findings, Plan};
 use super::report::{Report, Stopwatch, Subject, TrainingReport};
-use super::sampling::{Prepared, Scan, boundary, scan};
-use super::settings::{OutputLayer, Precision, Settings, Training};
+use super::sampling::{boundary, scan};
+use super::settings::{Precision, Settings};
 use super::surface::Field;
-use super::training::{Hooks, Identity, Problem, Termination, Trained, train};
 
 /// What a run gives.
 #[derive(Debug, Clone)]
@@ -23,34 +24,6 @@ pub struct Reconstruction {
     pub report: Report,
     /// The trained network.
     pub model: Model,
-}
-
-/// Sets the number of threads of every later run in this process.
-///
-/// rayon's pool belongs to the process, and so does this choice. libtorch always gets one thread: on
-/// matrices as narrow as these networks a second one gained nothing (measured at 3500 × 50), and its
-/// idle threads spin, which costs twenty times where another process wants the core.
-///
-/// # Errors
-/// When the threads were set to another number before.
-pub fn set_threads(threads: usize) -> Result<(), Error> {
-    tch::set_num_threads(1);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-    match pool.build_global() {
-        Err(_) if rayon::current_num_threads() != threads => Err(Error::Threads {
-            asked: threads,
-            set: rayon::current_num_threads(),
-        }),
-        _ => Ok(()),
-    }
-}
-
-/// Runs `work` on one of the threads of [`set_threads`].
-///
-/// From there, to share work costs next to nothing; a thread that is none of them has to wake them and to be
-/// woken for each piece, and an evaluation of few samples is over in less time.
-pub fn in_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
-    rayon::scope(|_| work())
 }
 
 /// Reconstructs the closed surface that `cloud` was taken from.
@@ -100,42 +73,30 @@ fn run<T: Scalar>(
     stopwatch.lap(Phase::Sampling);
 
     observer.event(Event::Phase(Phase::Training));
-    let ensemble = Ensemble::new(&settings.network, prepared.uncertain);
-    let engine = engine::<T>(
-        settings.training.engine,
-        &ensemble.architecture,
-        &prepared.training,
-    )?;
-    let identity = Identity::new(settings, &prepared.training, &prepared.validation);
+    let plan = Plan::new(settings, Findings::from(&prepared));
+    let engine = engine::<T>(plan.engine, &plan.ensemble.architecture, &prepared.training)?;
+    let identity = plan.identity(&prepared);
     let resumed = observer
         .checkpoint()
         .and_then(|bytes| State::<T>::decode(bytes, &identity));
     let (state, refines) = if let Some(state) = resumed {
         (state, true)
     } else {
-        let parameters = ensemble.initial_parameters::<T>(settings.training.seed);
-        let problem = problem(engine.as_ref(), settings, &prepared);
-        let mesher = Mesher::new(cloud, settings, &prepared, observer);
-        let (trained, refines) = fit(problem, parameters, &mesher, scan.as_ref())?;
-        (State::start(trained), refines)
+        let mesher = Mesher::new(cloud, &plan, &prepared, observer);
+        let (trained, refines) = coarse::fit(engine.as_ref(), &mesher, scan.as_ref(), identity)?;
+        (State::start(trained, identity), refines)
     };
     let refined = match &scan {
-        Some(scan) if refines => Some(blocks::refine(
-            settings,
-            &mut prepared,
-            scan,
-            &state,
-            observer,
-        )?),
+        Some(scan) if refines => blocks::refine(&plan, &mut prepared, scan, &state, observer)?,
         _ => None,
     };
     let trained = state.coarse;
-    let field = problem(engine.as_ref(), settings, &prepared).field(&trained.parameters)?;
+    let field = MeanField::of(engine.as_ref(), &trained.parameters)?;
     let field: Box<dyn Field> = match &refined {
         Some(refined) => Box::new(refined.field(Box::new(field))?),
         None => Box::new(field),
     };
-    let mesher = Mesher::new(cloud, settings, &prepared, observer);
+    let mesher = Mesher::new(cloud, &plan, &prepared, observer);
     stopwatch.lap(Phase::Training);
 
     observer.event(Event::Phase(Phase::Surface));
@@ -149,11 +110,12 @@ fn run<T: Scalar>(
     observer.event(Event::Phase(Phase::Report));
     let subject = Subject {
         cloud,
-        settings,
+        plan: &plan,
         prepared: &prepared,
         mesh: &mesh,
-        ensemble: &ensemble,
-        blocks: refined.as_ref().map(Refined::report),
+        blocks: refined
+            .as_ref()
+            .map(|refined| refined.report(&prepared.frame)),
         field: field.as_ref(),
         engine: engine.name(),
     };
@@ -162,7 +124,7 @@ fn run<T: Scalar>(
     report.seconds = stopwatch.seconds();
     let model = Model {
         settings: settings.clone(),
-        ensemble,
+        ensemble: plan.ensemble,
         frame: prepared.frame,
         parameters: trained.parameters.iter().map(|p| p.to_f64()).collect(),
         blocks: refined.as_ref().map(Refined::model),
@@ -172,92 +134,4 @@ fn run<T: Scalar>(
         report,
         model,
     })
-}
-
-fn problem<'a, T>(
-    engine: &'a dyn Engine<T>,
-    settings: &Settings,
-    prepared: &'a Prepared,
-) -> Problem<'a, T> {
-    Problem {
-        engine,
-        validation: &prepared.validation,
-        weight_decay: prepared.weight_decay,
-        output_layer: output_layer(settings, prepared),
-    }
-}
-
-/// Trains one network, or an ensemble; a snapshot is extracted at each chosen evaluation. Whether blocks are to go on
-/// from there comes with it.
-fn fit<T: Scalar>(
-    problem: Problem<'_, T>,
-    parameters: Vec<T>,
-    mesher: &Mesher<'_>,
-    scan: Option<&Scan>,
-) -> Result<(Trained<T>, bool), Error> {
-    let leaves_too_much = |parameters: &[T]| match scan {
-        None => Ok(false),
-        Some(scan) => {
-            let field = problem.field(parameters)?;
-            blocks::needed(&field, mesher.settings, mesher.prepared, scan)
-        }
-    };
-    // Of uncertain points, an ensemble that has not settled yet leaves more than it will.
-    let has_more = !mesher.prepared.uncertain
-        || scan.is_some_and(|s| s.indices.len() > mesher.settings.sampling.surface_points);
-    let mut snapshot = |evaluation: u64, parameters: &[T]| {
-        let field = problem.field(parameters)?;
-        // Training takes care of a release after this iteration, without losing it.
-        // Its progress is not that of training.
-        match mesher.mesh(&field, &|| mesher.observer.cancelled(), &|_| {}) {
-            Ok((mesh, _)) => {
-                mesher.observer.event(Event::Snapshot {
-                    evaluation,
-                    mesh: &mesh,
-                });
-                Ok(())
-            }
-            // Early in training there may be no surface yet; that is worth no failed run.
-            Err(Error::NoSurface(_)) => Ok(()),
-            Err(error) => Err(error),
-        }
-    };
-    let hooks = Hooks {
-        observer: mesher.observer,
-        snapshot: &mut snapshot,
-        enough: &mut |evaluations, parameters| {
-            let looks = has_more
-                && evaluations.start < blocks::FIRST_LOOK
-                && evaluations.end >= blocks::FIRST_LOOK;
-            Ok(looks && leaves_too_much(parameters)?)
-        },
-        identity: Identity::new(
-            mesher.settings,
-            &mesher.prepared.training,
-            &mesher.prepared.validation,
-        ),
-    };
-    let training = Training {
-        history: mesher.settings.kept_pairs(mesher.prepared.training.len()),
-        ..mesher.settings.training.clone()
-    };
-    let trained = train(problem, parameters, &training, hooks)?;
-    if trained.termination == Termination::Cancelled {
-        return Err(Error::Cancelled);
-    }
-    let refines = match trained.termination {
-        Termination::HandedOver => true,
-        Termination::TimeLimit => false,
-        _ => leaves_too_much(&trained.parameters)?,
-    };
-    Ok((trained, refines))
-}
-
-/// The output layer is solved for where that is a linear problem: bounds make it none.
-fn output_layer(settings: &Settings, prepared: &Prepared) -> OutputLayer {
-    if prepared.training.one_sided.contains(&true) {
-        OutputLayer::Trained
-    } else {
-        settings.training.output_layer
-    }
 }

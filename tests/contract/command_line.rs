@@ -235,7 +235,7 @@ fn files_of_labelled_points_and_standard_output() {
     );
     assert!(output.status.success());
     assert!(
-        output.stdout.starts_with(b"NOFF"),
+        output.stdout.starts_with(b"OFF"),
         "{:?}",
         &output.stdout[..20]
     );

@@ -5,6 +5,7 @@ use std::cell::{Cell, RefCell};
 use meshway::reconstruction::cloud::PointCloud;
 use meshway::reconstruction::report::Verdict;
 use meshway::reconstruction::settings::{Preset, Settings};
+use meshway::reconstruction::training::Metrics;
 use meshway::reconstruction::vector::{Vec3, norm, scale};
 use meshway::reconstruction::{Error, Event, Observer, Reconstruction, reconstruct};
 
@@ -17,7 +18,7 @@ fn radius([x, y, z]: Vec3) -> f64 {
 }
 
 /// A ball with some hundred bumps.
-fn bumpy(points: usize) -> PointCloud {
+pub(crate) fn bumpy(points: usize) -> PointCloud {
     let directions = spiral(points).into_iter();
     bare(directions.map(|d| scale(d, radius(d))).collect())
 }
@@ -28,7 +29,7 @@ fn settings() -> Settings {
     settings
 }
 
-fn run(cloud: &PointCloud, settings: &Settings) -> Reconstruction {
+pub(crate) fn run(cloud: &PointCloud, settings: &Settings) -> Reconstruction {
     tch::set_num_threads(1);
     reconstruct(cloud, settings, &Silent).unwrap()
 }
@@ -51,7 +52,7 @@ fn blocks_keep_detail_that_one_network_loses() {
     one.network.block_points = 0;
     let one = run(&cloud, &one);
     assert_eq!(one.report.blocks, None);
-    let blocks = many.report.blocks.unwrap();
+    let blocks = many.report.blocks.clone().unwrap();
     let most = settings().network.block_points;
     assert_eq!(blocks.count, many.report.samples.surface.div_ceil(most));
     assert!(
@@ -102,6 +103,7 @@ struct Keeper {
     last: RefCell<Vec<u8>>,
     progress: RefCell<Vec<f64>>,
     warnings: RefCell<Vec<&'static str>>,
+    series: RefCell<Vec<Metrics>>,
 }
 
 impl Keeper {
@@ -119,6 +121,9 @@ impl Observer for Keeper {
                     self.checkpoints.set(self.checkpoints.get() + 1);
                 }
                 *self.last.borrow_mut() = data.to_vec();
+            }
+            Event::Metrics(row) if row.blocks.is_some() => {
+                self.series.borrow_mut().push(row.clone());
             }
             Event::Progress(share) => self.progress.borrow_mut().push(share),
             Event::Phase(_) => self.progress.borrow_mut().clear(),
@@ -160,8 +165,20 @@ fn quick() -> Settings {
 #[test]
 fn an_interrupted_run_ends_with_the_same_bits() {
     let (cloud, settings) = (bumpy(3_000), quick());
-    let expected = run(&cloud, &settings);
-    assert!(expected.report.blocks.is_some());
+    let whole = Keeper::default();
+    let expected = reconstruct(&cloud, &settings, &whole).unwrap();
+    let blocks = expected.report.blocks.as_ref().unwrap();
+    let whole = whole.series.take();
+    // A row a block where they are few; the last has all of them.
+    assert_eq!(whole.len(), blocks.count.min(32));
+    let last = whole.last().unwrap();
+    assert_eq!(last.blocks, Some(blocks.count as u64));
+    assert!((last.loss - blocks.loss).abs() < 1e-12);
+    assert!(last.validation_loss.is_some() && last.gradient_norm > 0.0);
+    let training = &expected.report.training;
+    assert_eq!(last.evaluation, training.evaluations + blocks.evaluations);
+    assert!(whole.is_sorted_by(|a, b| a.evaluation < b.evaluation));
+    let mut series = Vec::new();
     let mut from = None;
     for room_after in [1, 2, usize::MAX] {
         let keeper = Keeper {
@@ -171,10 +188,12 @@ fn an_interrupted_run_ends_with_the_same_bits() {
         };
         let result = reconstruct(&cloud, &settings, &keeper);
         assert!(keeper.warnings.borrow().is_empty());
+        series.extend(keeper.series.take());
         if room_after == usize::MAX {
             let made = result.unwrap();
             assert_eq!(made.mesh, expected.mesh);
             assert_eq!(made.model, expected.model);
+            assert_eq!(series, whole);
         } else {
             assert!(matches!(result, Err(Error::Interrupted)));
             assert!(

@@ -12,6 +12,7 @@ mod network;
 mod open;
 mod optimiser;
 mod orientation;
+mod plan;
 mod readers;
 mod reconstruction;
 mod sampling;

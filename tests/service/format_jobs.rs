@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use meshway::reconstruction::mesh::read;
 use serde_json::{Value, json};
 
+use crate::http_contract::expect_named;
 use crate::http_support::{gzip, sphere, sphere_xyz};
 use crate::server::{Folder, Server};
 use crate::wire::{Answer, Connection};
@@ -40,6 +41,65 @@ async fn clouds_of_every_format_and_packing_become_meshes() {
             becomes_a_mesh(&server, cloud, &what).await;
         }
     }
+}
+
+/// Points of a ball with bumps, one a line, and a job over them that needs blocks.
+#[tokio::test]
+async fn a_job_of_blocks_tells_their_series() {
+    let folder = Folder::new().await;
+    let server = folder.serve(&[]).await;
+    let bumps =
+        |[x, y, z]: [f64; 3]| 1.0 + 0.05 * (14.0 * x).sin() * (14.0 * y).sin() * (14.0 * z).cos();
+    let mut text = String::new();
+    for p in sphere(3_000, 0.0) {
+        let [x, y, z] = p.map(|c| c * bumps(p));
+        writeln!(text, "{x} {y} {z}").unwrap();
+    }
+    let cloud = cloud_of(&server, "", text.as_bytes(), "xyz").await;
+    let request = json!({
+        "cloud_id": cloud["id"],
+        "preset": "fast",
+        "settings": {
+            "training": {"max_evaluations": 30, "block_evaluations": 15},
+            "surface": {"resolution": 48},
+        },
+    });
+    let mut connection = Connection::open(server.address()).await.unwrap();
+    let wait = "Prefer: wait=120\r\n";
+    let job = connection.post("/v1/jobs", wait, &request).await.unwrap();
+    let job = job.json();
+    assert_eq!(job["status"], "succeeded", "{job}");
+    let metrics = job["links"]["metrics"].as_str().unwrap();
+    let of = async |query: &str| {
+        let path = format!("GET {metrics}{query}");
+        let mut connection = Connection::open(server.address()).await.unwrap();
+        let answer = connection.ask(&path, "", &[]).await.unwrap();
+        assert_eq!(answer.status, 200, "{query}");
+        answer.json()
+    };
+    let all = of("").await;
+    expect_named("MetricSeries", &all);
+    let column = |name: &str| all["series"][name].as_array().unwrap().clone();
+    let evaluations: Vec<u64> = column("evaluation")
+        .iter()
+        .filter_map(Value::as_u64)
+        .collect();
+    assert!(evaluations.is_sorted_by(|a, b| a < b), "{evaluations:?}");
+    let counts: Vec<u64> = column("blocks").iter().filter_map(Value::as_u64).collect();
+    assert!((2..=32).contains(&counts.len()), "{counts:?}");
+    assert!(counts.is_sorted_by(|a, b| a < b), "{counts:?}");
+
+    let blocks = of("?blocks=true").await;
+    expect_named("BlockSeries", &blocks);
+    let count = blocks["blocks"].as_u64().unwrap();
+    assert_eq!(counts.last(), Some(&count));
+    for (name, list) in blocks["series"].as_object().unwrap() {
+        assert_eq!(list.as_array().unwrap().len() as u64, count, "{name}");
+    }
+    let of_blocks = blocks["series"]["evaluations"].as_array().unwrap();
+    let sum: u64 = of_blocks.iter().filter_map(Value::as_u64).sum();
+    let before = evaluations[evaluations.len() - counts.len() - 1];
+    assert_eq!(evaluations.last(), Some(&(before + sum)));
 }
 
 /// Runs a job on the cloud and fetches its mesh.

@@ -44,6 +44,7 @@ fn row(evaluation: u64, loss: f64) -> Metrics {
         gradient_norm: 0.1,
         step_length: 1.0,
         weight_norms: vec![1.0, 2.0],
+        blocks: None,
     }
 }
 

@@ -41,6 +41,7 @@ fn shown(verdict: Verdict) -> Value {
         "mesh": {
             "vertices": 4, "triangles": 4, "components": 1, "closed": true, "genus": 0,
             "volume": 0.25, "unsupported_area_percent": 33.5,
+            "orientation_confidence": null,
         },
     })
 }

@@ -10,6 +10,7 @@ mod http_clouds;
 mod http_contract;
 mod http_costs;
 mod http_door;
+mod http_edges;
 mod http_events;
 mod http_idempotency;
 mod http_jobs;

@@ -385,6 +385,7 @@ fn row_of_everything() -> Record {
         gradient_norm: 1.0,
         step_length: 1.0,
         weight_norms: vec![1.0],
+        blocks: None,
     };
     let gradients = GradientHistogram {
         evaluation: 2,

@@ -16,6 +16,7 @@ fn metrics(evaluation: u64) -> Metrics {
         gradient_norm: 1e-300,
         step_length: f64::INFINITY,
         weight_norms: vec![0.1, f64::MIN_POSITIVE, 3.0],
+        blocks: None,
     }
 }
 

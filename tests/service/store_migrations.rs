@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use meshway::jobs::store::DATABASE_FILE;
-use meshway::jobs::{CloudId, IdempotencyState, Options, Store};
+use meshway::jobs::{CloudId, IdempotencyState, JobId, Options, Store};
 use serde_json::json;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode};
@@ -18,8 +18,25 @@ const SECOND: [(&str, &str); 2] = [
     ),
 ];
 
-/// A database as that version made it.
-async fn database(folder: &Path) -> SqliteConnection {
+/// Those of the version before the series told of blocks.
+const FOURTH: [(&str, &str); 4] = [
+    SECOND[0],
+    SECOND[1],
+    (
+        "answers_about_clouds",
+        include_str!("../../migrations/0003_answers_about_clouds.sql"),
+    ),
+    (
+        "jobs_by_verdict",
+        include_str!("../../migrations/0004_jobs_by_verdict.sql"),
+    ),
+];
+
+/// A database as the version with these migrations made it.
+async fn database(
+    folder: &Path,
+    migrations: &'static [(&'static str, &'static str)],
+) -> SqliteConnection {
     let mut db = SqliteConnectOptions::new()
         .filename(folder.join(DATABASE_FILE))
         .create_if_missing(true)
@@ -27,8 +44,8 @@ async fn database(folder: &Path) -> SqliteConnection {
         .connect()
         .await
         .unwrap();
-    let migrations = (1..).zip(SECOND).map(|(version, (name, sql))| {
-        let (name, sql) = (name.into(), sql.into_sql_str());
+    let migrations = (1..).zip(migrations).map(|(version, (name, sql))| {
+        let (name, sql) = ((*name).into(), (*sql).into_sql_str());
         Migration::new(version, name, MigrationType::Simple, sql, true)
     });
     let migrator = Migrator::with_migrations(migrations.collect());
@@ -51,9 +68,38 @@ async fn keep(db: &mut SqliteConnection, key: &str, scope: &str, body: Option<&s
 }
 
 #[tokio::test]
+async fn series_from_before_blocks_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut db = database(folder.path(), &FOURTH).await;
+    let id = JobId::new();
+    sqlx::query(
+        "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, created_at, metrics)
+         VALUES (?1, 'c', 'queued', 'fast', '{}', '{}', 1, 1)",
+    )
+    .bind(id.as_str())
+    .execute(&mut db)
+    .await
+    .unwrap();
+    sqlx::query("INSERT INTO metrics VALUES (?1, 3, 2, 0.5, NULL, 0.1, 1.0, x'')")
+        .bind(id.as_str())
+        .execute(&mut db)
+        .await
+        .unwrap();
+    db.close().await.unwrap();
+
+    let store = Store::open(folder.path(), Options::default())
+        .await
+        .unwrap();
+    let rows = store.metrics(&id, 0, 10).await.unwrap();
+    assert_eq!(rows.len(), 1);
+    assert_eq!((rows[0].evaluation, rows[0].iteration), (3, 2));
+    assert_eq!(rows[0].blocks, None);
+}
+
+#[tokio::test]
 async fn answers_about_clouds_are_found_in_older_databases() {
     let folder = tempfile::tempdir().unwrap();
-    let mut db = database(folder.path()).await;
+    let mut db = database(folder.path(), &SECOND).await;
     let (here, erased) = (CloudId::new(), CloudId::new());
     sqlx::query("INSERT INTO clouds VALUES (?1, 'a', 1, 'xyz', 20, '{}', 1)")
         .bind(here.as_str())

@@ -74,8 +74,8 @@ impl Transaction<'_> {
                 .collect();
             let inserted = sqlx::query(
                 "INSERT INTO metrics (job_id, evaluation, iteration, loss, validation_loss,
-                     gradient_norm, step_length, weight_norms)
-                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)
+                     gradient_norm, step_length, weight_norms, blocks)
+                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)
                  ON CONFLICT (job_id, evaluation) DO NOTHING",
             )
             .bind(id.as_str())
@@ -86,6 +86,7 @@ impl Transaction<'_> {
             .bind(metrics.gradient_norm)
             .bind(metrics.step_length)
             .bind(weight_norms)
+            .bind(metrics.blocks.map(integer))
             .execute(&mut *self.db)
             .await?;
             count += inserted.rows_affected() as i64;
@@ -138,5 +139,8 @@ fn metrics_of(row: &SqliteRow) -> Result<Metrics> {
         gradient_norm: columns.float("gradient_norm")?,
         step_length: columns.float("step_length")?,
         weight_norms: norms.iter().map(|norm| f64::from_le_bytes(*norm)).collect(),
+        blocks: columns
+            .get::<Option<i64>>("blocks")?
+            .map(|count| count as u64),
     })
 }

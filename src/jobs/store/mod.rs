@@ -231,6 +231,10 @@ async fn migrate(db: &mut SqliteConnection) -> Result<()> {
             "jobs_by_verdict",
             include_str!("../../../migrations/0004_jobs_by_verdict.sql"),
         ),
+        (
+            "metrics_of_blocks",
+            include_str!("../../../migrations/0005_metrics_of_blocks.sql"),
+        ),
     ];
     let migrator = Migrator::with_migrations(
         (1..)

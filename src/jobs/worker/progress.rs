@@ -168,6 +168,7 @@ mod tests {
             gradient_norm: 1.0,
             step_length: 1.0,
             weight_norms: vec![1.0],
+            blocks: None,
         }
     }
 

@@ -9,12 +9,13 @@ use crate::reconstruction::network::Scalar;
 use crate::reconstruction::training::{Identity, Trained, seal, unseal};
 
 /// Changes with the state or with what a block is.
-const MAGIC: &[u8; 8] = b"MWBLOCK1";
+const MAGIC: &[u8; 8] = b"MWBLOCK2";
 
 /// The coarse network, and the blocks that are done; none at the start.
 pub(in crate::reconstruction) struct State<T> {
     pub(in crate::reconstruction) coarse: Trained<T>,
     pub(super) done: Done<T>,
+    identity: Identity,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -26,10 +27,11 @@ struct Kept<'a, T: Clone> {
 
 impl<T: Scalar> State<T> {
     /// Where the coarse network is trained and no block is done.
-    pub(in crate::reconstruction) fn start(coarse: Trained<T>) -> Self {
+    pub(in crate::reconstruction) fn start(coarse: Trained<T>, identity: Identity) -> Self {
         Self {
             coarse,
             done: Vec::new(),
+            identity,
         }
     }
 
@@ -40,14 +42,16 @@ impl<T: Scalar> State<T> {
         Some(Self {
             coarse: kept.coarse.into_owned(),
             done: kept.done.into_owned(),
+            identity: *identity,
         })
     }
 
-    pub(super) fn encode(coarse: &Trained<T>, done: &Done<T>, identity: &Identity) -> Vec<u8> {
+    /// The same where so many blocks are done, as a checkpoint.
+    pub(super) fn encode(&self, done: &Done<T>) -> Vec<u8> {
         let kept = Kept {
-            coarse: Cow::Borrowed(coarse),
+            coarse: Cow::Borrowed(&self.coarse),
             done: Cow::Borrowed(done),
         };
-        seal(*MAGIC, identity, &kept)
+        seal(*MAGIC, &self.identity, &kept)
     }
 }

@@ -1,5 +1,6 @@
 //! Fitting the networks of all blocks, several at a time.
 
+use std::cell::Cell;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -8,38 +9,36 @@ use serde::{Deserialize, Serialize};
 use super::block::Block;
 use super::samples::Places;
 use crate::reconstruction::error::Error;
-use crate::reconstruction::network::{Architecture, Scalar, initial_parameters, sequential_engine};
+use crate::reconstruction::network::{Scalar, initial_parameters, sequential_engine};
 use crate::reconstruction::observer::{Event, Observer};
-use crate::reconstruction::sampling::Samples;
-use crate::reconstruction::settings::{Settings, Training};
+use crate::reconstruction::plan::{BlockPlan, Plan};
+use crate::reconstruction::sampling::{Samples, Uncertainty};
 use crate::reconstruction::surface::Field;
 use crate::reconstruction::training::{Hooks, Identity, Problem, Termination, train};
 use crate::reconstruction::vector::Vec3;
-
-/// Pairs of L-BFGS: over 100 to 150 evaluations 15 did as well as 40.
-const PAIRS: usize = 15;
-
-/// What it may leave of its points, in spacings. Chosen on a ball with bumps.
-const LEFT: f64 = 0.02;
 
 /// What all blocks share.
 pub(super) struct Task<'a> {
     pub(super) blocks: &'a [Block],
     pub(super) places: &'a Places,
-    pub(super) architecture: &'a Architecture,
-    pub(super) settings: &'a Settings,
-    /// Weight of a point of the cloud in each block.
-    pub(super) weights: &'a [f64],
-    /// Weight decay of each block, times its samples.
-    pub(super) decays: &'a [f64],
-    /// Standard deviation of the points from the surface, in the frame of the run.
-    pub(super) noise: f64,
+    pub(super) plan: &'a Plan<'a>,
+    pub(super) planned: &'a BlockPlan,
+    /// Points that no block is fitted to, and which of them are in the reach of each.
+    pub(super) held_out: &'a [Vec3],
+    pub(super) held_out_of: &'a [Vec<u32>],
+    /// How far the points of the cloud can be trusted, in the frame of the run.
+    pub(super) uncertainty: Uncertainty,
 }
 
 impl Task<'_> {
-    /// What the network of a block may leave of its points: their noise, and a share of their spacing.
-    fn allowed(&self, block: &Block) -> f64 {
-        self.noise.hypot(LEFT * block.spacing())
+    /// How far the points of a block can be trusted.
+    fn uncertainty(&self, block: &Block) -> Uncertainty {
+        Uncertainty {
+            spacing: block.spacing(),
+            band: block.band,
+            sparse: false,
+            ..self.uncertainty
+        }
     }
 }
 
@@ -51,6 +50,17 @@ pub(super) struct Fitted<T> {
     pub(super) loss: f64,
     pub(super) evaluations: u64,
     pub(super) iterations: u64,
+    /// Points of the cloud that it was fitted to.
+    pub(super) points: usize,
+    /// Loss after the first step.
+    pub(super) first_loss: f64,
+    /// Norm of the gradient at the end.
+    pub(super) gradient_norm: f64,
+    /// Length of the last step.
+    pub(super) step_length: f64,
+    /// Mean square of the field at the points held out in its reach; none where there are none.
+    pub(super) held_out: Option<f64>,
+    pub(super) termination: Termination,
 }
 
 /// Networks of blocks, where they are fitted.
@@ -105,14 +115,10 @@ pub(super) fn fit<T: Scalar>(
     }
 }
 
-/// Mean square of the field at the points of the cloud.
-fn left(field: &dyn Field, samples: &Samples) -> Result<f64, Error> {
-    let points: Vec<Vec3> = (0..samples.len())
-        .filter(|&i| samples.targets[i] == 0.0)
-        .map(|i| samples.points[i])
-        .collect();
+/// Mean square of the field at these points.
+fn mean_square(field: &dyn Field, points: &[Vec3]) -> Result<f64, Error> {
     let mut values = vec![0.0; points.len()];
-    field.values(&points, &mut values)?;
+    field.values(points, &mut values)?;
     Ok(values.iter().map(|f| f * f).sum::<f64>() / points.len().max(1) as f64)
 }
 
@@ -127,50 +133,97 @@ fn fit_block<T: Scalar>(
     k: usize,
     observer: &dyn Observer,
 ) -> Result<Fitted<T>, Error> {
-    let settings = task.settings;
+    let (settings, planned) = (task.plan.settings, task.planned);
     let block = &task.blocks[k];
-    let samples = task
-        .places
-        .of(k, block, settings.sampling.targets, task.weights[k]);
-    let engine = sequential_engine::<T>(settings.training.engine, task.architecture, &samples)?;
+    let uncertainty = task.uncertainty(block);
+    let weight = uncertainty.surface_weight();
+    let samples = task.places.of(k, block, settings.sampling.targets, weight);
+    let engine = sequential_engine::<T>(task.plan.engine, &planned.architecture, &samples)?;
+    let decay = settings.training.smoothing * uncertainty.weight_decay(1);
     let problem = Problem {
         engine: engine.as_ref(),
         validation: &Samples::default(),
-        weight_decay: task.decays[k] / samples.len().max(1) as f64,
-        output_layer: settings.training.output_layer,
+        weight_decay: decay / samples.len().max(1) as f64,
+        output_layer: planned.training.output_layer,
     };
-    let seed = settings.training.seed.wrapping_add(1 + k as u64);
-    let parameters = initial_parameters(task.architecture, seed);
-    let round = settings.training.block_evaluations;
-    let allowed = task.allowed(block).powi(2);
-    let training = Training {
-        max_evaluations: settings.training.most_block_evaluations(),
-        history: PAIRS,
-        patience: 0,
-        time_limit_seconds: 0.0,
-        histogram_evaluations: Vec::new(),
-        snapshot_evaluations: Vec::new(),
-        ..settings.training.clone()
-    };
+    let parameters = initial_parameters(&planned.architecture, planned.seed(k));
+    let allowed = BlockPlan::allowed(uncertainty.spacing, uncertainty.noise).powi(2);
+    let on_surface = samples.on_surface();
+    let steps = Steps::new(observer);
     let hooks = Hooks {
-        observer,
+        observer: &steps,
         snapshot: &mut |_, _| Ok(()),
         enough: &mut |evaluations, parameters| {
-            Ok(evaluations.start / round < evaluations.end / round
-                && left(&problem.field(parameters)?, &samples)? * block.band.powi(2) <= allowed)
+            Ok(
+                evaluations.start / planned.round < evaluations.end / planned.round
+                    && mean_square(&problem.field(parameters)?, &on_surface)? * block.band.powi(2)
+                        <= allowed,
+            )
         },
         identity: Identity::default(),
     };
-    let trained = train(problem, parameters, &training, hooks)?;
+    let trained = train(problem, parameters, &planned.training, hooks)?;
     if trained.termination == Termination::Cancelled {
         return Err(Error::Cancelled);
     }
+    let held_out: Vec<Vec3> = task.held_out_of[k]
+        .iter()
+        .map(|&i| block.frame.to_unit(task.held_out[i as usize]))
+        .collect();
+    let field = problem.field(&trained.parameters)?;
+    let held_out = (!held_out.is_empty())
+        .then(|| mean_square(&field, &held_out))
+        .transpose()?;
+    let [first_loss, gradient_norm, step_length] = steps.seen.get();
     Ok(Fitted {
+        points: on_surface.len(),
+        first_loss,
+        gradient_norm,
+        step_length,
+        held_out,
+        termination: trained.termination,
         parameters: trained.parameters,
         loss: trained.loss,
         evaluations: trained.evaluations,
         iterations: trained.iterations,
     })
+}
+
+/// Notes the steps of a block: its loss after the first, norm of the gradient and length of the last.
+struct Steps<'a> {
+    observer: &'a dyn Observer,
+    seen: Cell<[f64; 3]>,
+}
+
+impl<'a> Steps<'a> {
+    fn new(observer: &'a dyn Observer) -> Self {
+        Self {
+            observer,
+            seen: Cell::new([f64::NAN; 3]),
+        }
+    }
+}
+
+impl Observer for Steps<'_> {
+    fn event(&self, event: Event<'_>) {
+        if let Event::Metrics(step) = event {
+            let [first, ..] = self.seen.get();
+            let first = if step.iteration == 1 {
+                step.loss
+            } else {
+                first
+            };
+            self.seen.set([first, step.gradient_norm, step.step_length]);
+        }
+    }
+
+    fn cancelled(&self) -> bool {
+        self.observer.cancelled()
+    }
+
+    fn seconds(&self) -> f64 {
+        0.0
+    }
 }
 
 /// Stops a block where another one has failed or the run ends.

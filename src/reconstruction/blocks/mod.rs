@@ -11,20 +11,23 @@ mod lookup;
 mod model;
 mod partition;
 mod samples;
+mod series;
 
 use super::error::Error;
-use super::network::{Architecture, Engine, Scalar, sequential_engine};
+use super::network::{Engine, Scalar, sequential_engine};
 use super::observer::{Event, Observer};
+use super::plan::{BlockPlan, Plan};
 use super::random::{Purpose, stream};
-use super::report::BlocksReport;
+use super::report::{BlocksReport, EachBlock};
 use super::sampling::neighbours::median;
-use super::sampling::{Prepared, Samples, Scan, Uncertainty, even_subset};
-use super::settings::Settings;
+use super::sampling::selection::{Split, pick};
+use super::sampling::{Frame, Prepared, Samples, Scan};
 use super::surface::Field;
-use super::training::Identity;
 use super::vector::{Vec3, norm};
 use fit::{Done, Fitted, Task};
-use samples::Places;
+use lookup::Lookup;
+use samples::{Places, members};
+use series::Series;
 
 pub use block::Block;
 use field::BlockField;
@@ -32,37 +35,12 @@ pub use model::BlockModel;
 
 pub(super) use checkpoint::State;
 
-/// Evaluations of the one network after which it is asked whether it will do, where the cloud has more points than
-/// it is fitted to.
-pub(super) const FIRST_LOOK: u64 = 150;
-
-/// What one network may leave of a cloud, in spacings of its points. Chosen on the bunny and the hand of the bench.
-const LEFT_OF_SPACING: f64 = 0.05;
-
-/// What it may leave, over the noise.
-const LEFT_OF_NOISE: f64 = 0.5;
-
-/// Points that are held out of the blocks, at most: enough to tell the error of a mesh.
-const HELD_OUT: usize = 2_500;
-
 /// Whether the field of one network leaves more of the points that it was not fitted to than their noise explains.
 ///
 /// # Errors
 /// What the field reports.
-pub(super) fn needed(
-    field: &dyn Field,
-    settings: &Settings,
-    prepared: &Prepared,
-    scan: &Scan,
-) -> Result<bool, Error> {
-    if settings.network.block_points == 0 || scan.indices.len() <= settings.network.block_points {
-        return Ok(false);
-    }
-    let validation = &prepared.validation;
-    let held_out: Vec<Vec3> = (0..validation.len())
-        .filter(|&i| validation.targets[i] == 0.0)
-        .map(|i| validation.points[i])
-        .collect();
+pub(super) fn needed(field: &dyn Field, prepared: &Prepared, scan: &Scan) -> Result<bool, Error> {
+    let held_out = prepared.validation.on_surface();
     if held_out.is_empty() {
         return Ok(false);
     }
@@ -78,7 +56,7 @@ pub(super) fn needed(
     let noise = scan.uncertainty.noise;
     let left = (variance - noise * noise).max(0.0).sqrt();
     let spacing = median(&mut scan.surface.spacings.clone());
-    Ok(left > (LEFT_OF_SPACING * spacing).max(LEFT_OF_NOISE * noise))
+    Ok(left > BlockPlan::tolerated(spacing, noise))
 }
 
 /// The networks of all blocks over a coarse one.
@@ -90,93 +68,76 @@ pub(super) struct Refined<T> {
     coarse_band: f64,
 }
 
-/// Cuts the cloud into blocks and fits them; `prepared` tells of all the points from then on.
+/// Cuts the cloud into blocks and fits them; `prepared` tells of all the points from then on. None where the plan has
+/// no blocks.
 ///
 /// # Errors
 /// [`Error::Cancelled`] where the observer stops the run; what an engine reports.
 pub(super) fn refine<T: Scalar>(
-    settings: &Settings,
+    plan: &Plan<'_>,
     prepared: &mut Prepared,
     scan: &Scan,
     state: &State<T>,
     observer: &dyn Observer,
-) -> Result<Refined<T>, Error> {
-    let identity = Identity::new(settings, &prepared.training, &prepared.validation);
-    let surface = &scan.surface;
-    let held_out = held_out(settings, surface.points.len(), &surface.points);
-    let is_held_out = |i: &usize| held_out.binary_search(i).is_ok();
-    let fitted: Vec<usize> = (0..surface.points.len())
-        .filter(|i| !is_held_out(i))
-        .collect();
-    let points: Vec<Vec3> = fitted.iter().map(|&i| surface.points[i]).collect();
-    let spacings: Vec<f64> = fitted.iter().map(|&i| surface.spacings[i]).collect();
-    let blocks = partition::partition(&points, &spacings, settings.network.block_points);
+) -> Result<Option<Refined<T>>, Error> {
+    let Some(planned) = &plan.blocks else {
+        return Ok(None);
+    };
+    let (settings, surface) = (plan.settings, &scan.surface);
+    let mut choice = stream(settings.training.seed, Purpose::HeldOut);
+    let split = Split::holding_out(&surface.points, planned.held_out, &mut choice);
+    let fitted = &split.trained;
+    let points = pick(&surface.points, fitted);
+    let mut spacings = pick(&surface.spacings, fitted);
+    let blocks = partition::partition(&points, &spacings, planned.count);
     let given = labelled(prepared, scan);
     let mut random = stream(settings.training.seed, Purpose::Blocks);
-    let places = Places::new(&blocks, surface, &fitted, &given, &mut random);
-    let uncertain = blocks.iter().map(|block| Uncertainty {
-        spacing: block.spacing(),
-        band: block.band,
-        sparse: false,
-        ..scan.uncertainty
-    });
-    let (weights, decays): (Vec<f64>, Vec<f64>) = uncertain
-        .map(|u| {
-            let decay = settings.training.smoothing * u.weight_decay(1);
-            (u.surface_weight(), decay)
-        })
-        .unzip();
-    let architecture = Architecture::of_block(&settings.network);
+    let places = Places::new(&blocks, surface, fitted, &given, &mut random);
+    let held_out = pick(&surface.points, &split.held_out);
+    let lookup = Lookup::new(blocks.iter().map(|block| block.reach).collect());
     let task = Task {
+        held_out: &held_out,
+        held_out_of: &members(&lookup, blocks.len(), &held_out),
         blocks: &blocks,
         places: &places,
-        architecture: &architecture,
-        settings,
-        weights: &weights,
-        decays: &decays,
-        noise: scan.uncertainty.noise,
+        plan,
+        planned,
+        uncertainty: scan.uncertainty,
     };
-    let State { coarse, done } = state;
-    let done = if done.len() == blocks.len() {
-        done.clone()
+    let start = state.coarse.evaluations as f64 / settings.training.max_evaluations as f64;
+    let done = if state.done.len() == blocks.len() {
+        state.done.clone()
     } else {
         vec![None; blocks.len()]
     };
-    let start = coarse.evaluations as f64 / settings.training.max_evaluations as f64;
+    let mut series = Series::new(&state.coarse, &done);
     let mut told = |done: &Done<T>, stopped: bool| {
+        // Before the checkpoint, which says that they were told.
+        series.tell(done, observer);
         let share = done.iter().flatten().count() as f64 / done.len() as f64;
         observer.event(Event::Progress(start + (1.0 - start) * share));
         if observer.checkpoint_due() || stopped && observer.released() {
             observer.event(Event::Checkpoint {
-                evaluation: coarse.evaluations,
-                data: &State::encode(coarse, done, &identity),
+                evaluation: state.coarse.evaluations,
+                data: &state.encode(done),
             });
         }
     };
     let done = fit::fit(&task, done, observer, &mut told)?;
-    let networks: Vec<Fitted<T>> = done.into_iter().flatten().collect();
-    prepared.spacing = median(&mut spacings.clone());
+    prepared.spacing = median(&mut spacings);
     prepared.counts.surface = fitted.len();
     prepared.counts.near = places.generated() - given.len();
-    prepared.counts.held_out = held_out.len();
-    let to_cloud = |positions: &[usize]| positions.iter().map(|&i| scan.indices[i]).collect();
-    prepared.surface = to_cloud(&fitted);
-    prepared.held_out = to_cloud(&held_out);
+    prepared.counts.held_out = split.held_out.len();
+    prepared.surface = pick(&scan.indices, fitted);
+    prepared.held_out = pick(&scan.indices, &split.held_out);
     prepared.blocks = blocks.len();
     let nothing: Samples = [([0.0; 3], 0.0)].into_iter().collect();
-    Ok(Refined {
+    Ok(Some(Refined {
         blocks,
-        fitted: networks,
-        engine: sequential_engine(settings.training.engine, &architecture, &nothing)?,
+        fitted: done.into_iter().flatten().collect(),
+        engine: sequential_engine(plan.engine, &planned.architecture, &nothing)?,
         coarse_band: scan.band,
-    })
-}
-
-/// Positions of the points that no block is fitted to, ascending.
-fn held_out(settings: &Settings, count: usize, points: &[Vec3]) -> Vec<usize> {
-    let share = (settings.sampling.validation_fraction * count as f64) as usize;
-    let mut choice = stream(settings.training.seed, Purpose::HeldOut);
-    even_subset(points, share.min(HELD_OUT), &mut choice)
+    }))
 }
 
 /// The places that the user labelled, with their signed distances.
@@ -210,7 +171,7 @@ impl<T: Scalar> Refined<T> {
     }
 
     /// What the report says of them.
-    pub(super) fn report(&self) -> BlocksReport {
+    pub(super) fn report(&self, frame: &Frame) -> BlocksReport {
         let count = self.fitted.len();
         let sum = |value: &dyn Fn(&Fitted<T>) -> f64| self.fitted.iter().map(value).sum::<f64>();
         let architecture = self.engine.architecture();
@@ -221,7 +182,24 @@ impl<T: Scalar> Refined<T> {
             parameters: count * architecture.parameter_count(),
             evaluations: self.fitted.iter().map(|fitted| fitted.evaluations).sum(),
             loss: sum(&|fitted| fitted.loss) / count.max(1) as f64,
+            each: self.each(frame),
         }
+    }
+
+    /// What the report says of each, in units of the input.
+    fn each(&self, frame: &Frame) -> EachBlock {
+        let mut each = EachBlock::default();
+        for (block, fitted) in self.blocks.iter().zip(&self.fitted) {
+            let length = |f: f64| frame.length_to_world(f * block.band);
+            each.points.push(fitted.points);
+            each.evaluations.push(fitted.evaluations);
+            each.first_loss.push(fitted.first_loss);
+            each.loss.push(fitted.loss);
+            each.held_out_error
+                .push(fitted.held_out.map(|square| length(square.sqrt())));
+            each.termination.push(fitted.termination);
+        }
+        each
     }
 
     /// What is kept of the blocks.

@@ -20,16 +20,16 @@ const LEAST_OVERLAP: f64 = 3.0;
 /// Half the longest edge of a reach in the frame of its network.
 const HALF_EXTENT: f64 = 2.0;
 
-/// The fewest blocks of about as many of `points` each, `most` at most, whose local spacings are given: the cells of
-/// a k-d tree, cut along the longest edge of the box around their points.
-pub(super) fn partition(points: &[Vec3], spacings: &[f64], most: usize) -> Vec<Block> {
+/// `count` blocks of about as many of `points` each, whose local spacings are given: the cells of a k-d tree, cut along
+/// the longest edge of the box around their points. Fewer where some are a single place.
+pub(super) fn partition(points: &[Vec3], spacings: &[f64], count: usize) -> Vec<Block> {
     let everywhere = Bounds {
         min: [f64::NEG_INFINITY; 3],
         max: [f64::INFINITY; 3],
     };
     let mut blocks = Vec::new();
     let all: Vec<u32> = (0..points.len() as u32).collect();
-    let mut open = vec![(all, everywhere, points.len().div_ceil(most))];
+    let mut open = vec![(all, everywhere, count)];
     while let Some((mut indices, cell, parts)) = open.pop() {
         let bounds = Bounds::of(indices.iter().map(|&i| &points[i as usize]));
         let Some(bounds) = bounds else { continue };
@@ -97,7 +97,7 @@ mod tests {
             })
             .collect();
         let spacings = vec![0.02; points.len()];
-        let blocks = partition(&points, &spacings, 200);
+        let blocks = partition(&points, &spacings, 15);
         assert_eq!(blocks.len(), 15);
         for p in &points {
             let cores: Vec<&Block> = blocks.iter().filter(|b| b.core.contains(*p)).collect();

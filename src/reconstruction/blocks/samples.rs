@@ -101,7 +101,7 @@ impl Places {
 }
 
 /// The places that each of so many blocks holds.
-fn members(lookup: &Lookup, blocks: usize, points: &[Vec3]) -> Vec<Vec<u32>> {
+pub(super) fn members(lookup: &Lookup, blocks: usize, points: &[Vec3]) -> Vec<Vec<u32>> {
     let held: Vec<Vec<u32>> = points
         .par_iter()
         .map(|p| {

@@ -54,6 +54,17 @@ pub enum Label {
     Exterior,
 }
 
+/// Number of points by label.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counts {
+    /// On the surface.
+    pub surface: usize,
+    /// Inside.
+    pub interior: usize,
+    /// Outside.
+    pub exterior: usize,
+}
+
 impl Label {
     /// Target of the field there: 0 on the surface, 1 inside, -1 outside (\[N24\] section 1).
     pub fn target(self) -> f64 {
@@ -95,6 +106,16 @@ impl PointCloud {
     /// Indices of the points with the given label, in order.
     pub fn indices(&self, label: Label) -> impl Iterator<Item = usize> + '_ {
         (0..self.points.len()).filter(move |&i| self.label(i) == label)
+    }
+
+    /// Number of points by label.
+    pub fn counts(&self) -> Counts {
+        let count = |label| self.indices(label).count();
+        Counts {
+            surface: count(Label::Surface),
+            interior: count(Label::Interior),
+            exterior: count(Label::Exterior),
+        }
     }
 
     /// Smallest box around all points.

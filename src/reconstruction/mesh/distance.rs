@@ -1,6 +1,8 @@
 //! Distances between points and surfaces, exact: to the closest point of a triangle, not to the
 //! closest vertex or sample.
 
+use std::ops::Range;
+
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::Vector;
@@ -37,21 +39,27 @@ impl SurfaceTree {
     /// Indexes `mesh`; `None` where no triangle has an area.
     ///
     /// # Cost
-    /// O(n log n) for n triangles.
+    /// O(n log n) for n triangles, and some 250 bytes for each.
     pub fn new(mesh: &TriangleMesh) -> Option<Self> {
+        Self::of_part(mesh, 0..mesh.triangles.len())
+    }
+
+    /// Indexes some triangles of `mesh`, and only the vertices that they use.
+    fn of_part(mesh: &TriangleMesh, part: Range<usize>) -> Option<Self> {
         let origin = mesh.bounds()?.centre();
-        let triangles: Vec<u32> = (0..mesh.triangles.len())
+        let triangles: Vec<u32> = part
             .filter(|&t| mesh.triangle_area(t) > 0.0)
             .map(|t| t as u32)
             .collect();
-        let positions = mesh
-            .vertices
+        let corners = || triangles.iter().map(|&t| mesh.triangles[t as usize]);
+        let mut used: Vec<u32> = corners().flatten().collect();
+        used.sort_unstable();
+        used.dedup();
+        let place = |v: u32| used.binary_search(&v).map_or(0, |place| place as u32);
+        let indices = corners().map(|corners| corners.map(place)).collect();
+        let positions = used
             .iter()
-            .map(|&v| Vector::from(sub(v, origin)))
-            .collect();
-        let indices = triangles
-            .iter()
-            .map(|&t| mesh.triangles[t as usize])
+            .map(|&v| Vector::from(sub(mesh.vertices[v as usize], origin)))
             .collect();
         let shape = TriMesh::new(positions, indices).ok()?;
         Some(Self {
@@ -63,20 +71,22 @@ impl SurfaceTree {
 
     /// The point of the mesh that is closest to `point`.
     pub fn closest(&self, point: Vec3) -> Closest {
+        self.closer(point, f64::MAX).unwrap_or(Closest {
+            distance: f64::INFINITY,
+            triangle: self.triangles[0] as usize,
+        })
+    }
+
+    /// The point of the mesh that is closest to `point`, where it is nearer than `reach`.
+    fn closer(&self, point: Vec3, reach: f64) -> Option<Closest> {
         let point = Vector::from(sub(point, self.origin));
-        let found = self
+        let (projection, (triangle, _)) = self
             .shape
-            .project_local_point_and_get_location_with_max_dist(point, false, f64::MAX);
-        match found {
-            Some((projection, (triangle, _))) => Closest {
-                distance: (projection.point - point).length(),
-                triangle: self.triangles[triangle as usize] as usize,
-            },
-            None => Closest {
-                distance: f64::INFINITY,
-                triangle: self.triangles[0] as usize,
-            },
-        }
+            .project_local_point_and_get_location_with_max_dist(point, false, reach)?;
+        Some(Closest {
+            distance: (projection.point - point).length(),
+            triangle: self.triangles[triangle as usize] as usize,
+        })
     }
 
     /// [`closest`](Self::closest) for each of `points`, in their order, on all threads.
@@ -101,6 +111,37 @@ impl SurfaceTree {
             .map(|&p| self.closest(p).distance)
             .collect()
     }
+}
+
+/// Most triangles that are indexed at a time where only the closest points are asked for: 130 MB of tree.
+const PART: usize = 1 << 19;
+
+/// The closest point of `mesh` to each of `points`, in their order, on all threads; `None` where no triangle has an
+/// area.
+///
+/// A large mesh is indexed part by part, so that the memory beside the answer is bounded.
+pub fn closest_to_each(mesh: &TriangleMesh, points: &[Vec3]) -> Option<Vec<Closest>> {
+    closest_by_parts(mesh, points, PART)
+}
+
+fn closest_by_parts(mesh: &TriangleMesh, points: &[Vec3], part: usize) -> Option<Vec<Closest>> {
+    let count = mesh.triangles.len();
+    let parts = (0..count).step_by(part);
+    let mut trees =
+        parts.filter_map(|first| SurfaceTree::of_part(mesh, first..(first + part).min(count)));
+    let mut found = trees.next()?.closest_to_each(points);
+    for tree in trees {
+        found
+            .par_iter_mut()
+            .zip(points)
+            .for_each(|(closest, &point)| {
+                let closer = tree.closer(point, closest.distance.min(f64::MAX));
+                if let Some(closer) = closer.filter(|c| c.distance < closest.distance) {
+                    *closest = closer;
+                }
+            });
+    }
+    Some(found)
 }
 
 /// Finds the nearest of some points.
@@ -229,5 +270,43 @@ impl Distances {
             p95_percent: p95 * percent,
             max_percent: max * percent,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Triangles of a bent strip, with one in between that has no area.
+    fn strip() -> TriangleMesh {
+        let at = |i: u32| [f64::from(i), f64::from(i % 2), f64::from(i * i) / 40.0];
+        TriangleMesh {
+            vertices: (0..40).map(at).collect(),
+            triangles: (0..38)
+                .map(|i| [i, i + 1, if i == 20 { i } else { i + 2 }])
+                .collect(),
+            ..TriangleMesh::default()
+        }
+    }
+
+    #[test]
+    fn a_mesh_in_parts_has_the_same_closest_points_as_the_whole() {
+        let mesh = strip();
+        let mut points: Vec<Vec3> = (0..50)
+            .map(|i| [f64::from(i % 47), f64::from(i % 3) - 1.0, f64::from(i % 11)])
+            .collect();
+        points.push([f64::NAN, 0.0, 0.0]);
+        let whole = SurfaceTree::new(&mesh).unwrap().closest_to_each(&points);
+        for part in [1, 7, 38, 100] {
+            let found = closest_by_parts(&mesh, &points, part).unwrap();
+            for ((found, expected), point) in found.iter().zip(&whole).zip(&points) {
+                let infinite = [found, expected].map(|c| c.distance.is_infinite());
+                assert!(
+                    (found.distance - expected.distance).abs() < 1e-12 || infinite == [true; 2],
+                    "{point:?} in parts of {part}: {found:?}, not {expected:?}"
+                );
+            }
+        }
+        assert!(closest_to_each(&TriangleMesh::default(), &points).is_none());
     }
 }

@@ -12,7 +12,9 @@ pub mod write;
 
 use super::vector::Vec3;
 
-pub use distance::{Closest, Distances, PointTree, SurfacePoint, SurfaceTree, sample_surface};
+pub use distance::{
+    Closest, Distances, PointTree, SurfacePoint, SurfaceTree, closest_to_each, sample_surface,
+};
 pub use simplify::{Limits, Simplified, simplify};
 pub use topology::{Topology, components};
 pub use trim::trim;

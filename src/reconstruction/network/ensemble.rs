@@ -6,7 +6,7 @@
 use std::slice::Chunks;
 
 use super::initialisation::draw;
-use super::{Architecture, Scalar};
+use super::{Architecture, Engine, Scalar};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::random::{Purpose, stream};
 use crate::reconstruction::settings::Network;
@@ -24,7 +24,7 @@ pub struct Ensemble {
 }
 
 impl Ensemble {
-    /// What fits a cloud, uncertain or not ([`Prepared::uncertain`](crate::reconstruction::sampling::Prepared::uncertain)).
+    /// What fits a cloud, uncertain or not ([`Findings::is_uncertain`](crate::reconstruction::plan::Findings::is_uncertain)).
     pub fn new(network: &Network, uncertain: bool) -> Self {
         let architecture = Architecture::new(network);
         if uncertain && network.members > 1 {
@@ -75,6 +75,16 @@ impl<'a> MeanField<'a> {
     /// The mean of at least one field.
     pub fn new(members: Vec<Box<dyn Field + 'a>>) -> Self {
         Self { members }
+    }
+
+    /// The mean of the fields of all networks of these parameters.
+    ///
+    /// # Errors
+    /// What the engine reports.
+    pub fn of<T: Scalar>(engine: &'a dyn Engine<T>, parameters: &[T]) -> Result<Self, Error> {
+        let members = engine.architecture().members(parameters);
+        let fields = members.map(|parameters| engine.field(parameters));
+        Ok(Self::new(fields.collect::<Result<_, _>>()?))
     }
 }
 

@@ -14,6 +14,7 @@ mod scalar;
 
 pub use architecture::{Architecture, Layer};
 pub use ensemble::{Ensemble, MeanField};
+pub(super) use fused::TILE_POINTS;
 pub use fused::{Fused, Threads, instruction_sets};
 pub use initialisation::initial_parameters;
 pub use libtorch::Libtorch;

@@ -1,6 +1,6 @@
 //! What the points tell about a mesh: the measures that its verdict rests on.
 
-use crate::reconstruction::mesh::{SurfaceTree, TriangleMesh, components};
+use crate::reconstruction::mesh::{Closest, TriangleMesh, components};
 use crate::reconstruction::quality::MeshReport;
 use crate::reconstruction::vector::{Bounds, Vec3, dot, normalized, sub};
 
@@ -59,27 +59,37 @@ pub(super) struct Fit {
     pub(super) bare_pieces: usize,
 }
 
+/// Surface points of a cloud, trained on or held out, and what of the mesh is closest to each: nothing where the mesh
+/// has no area.
+#[derive(Clone, Copy)]
+pub(super) struct Measured<'a> {
+    pub(super) points: &'a [Vec3],
+    pub(super) closest: &'a [Closest],
+    /// How many of them were trained on.
+    pub(super) trained: usize,
+}
+
 impl<'a> Evidence<'a> {
     /// Measures `mesh` against the surface points of its cloud, trained on or held out.
     pub(super) fn new(
         (mesh, described): (&TriangleMesh, &MeshReport),
-        (points, trained): (&[Vec3], usize),
+        measured: Measured<'_>,
         cloud: &CloudReport,
         surface: &'a SurfaceReport,
     ) -> Self {
         let noise = cloud.noise.unwrap_or(0.0);
         Self {
-            trained,
+            trained: measured.trained,
             spacing: cloud.spacing,
             noise,
             stood_for: cloud.area,
             confidence: cloud.orientation_confidence,
-            fit: Fit::new(mesh, points, LOST_SPACINGS * cloud.spacing + 3.0 * noise),
+            fit: Fit::new(mesh, measured, LOST_SPACINGS * cloud.spacing + 3.0 * noise),
             surface,
             area: described.area,
             volume: described.volume,
             handles: described.topology.genus,
-            stretch: stretch(points),
+            stretch: stretch(measured.points),
         }
     }
 
@@ -102,17 +112,19 @@ impl<'a> Evidence<'a> {
 }
 
 impl Fit {
-    fn new(mesh: &TriangleMesh, points: &[Vec3], reach: f64) -> Option<Self> {
-        let closest = SurfaceTree::new(mesh)?.closest_to_each(points);
+    fn new(mesh: &TriangleMesh, measured: Measured<'_>, reach: f64) -> Option<Self> {
+        let Measured {
+            points, closest, ..
+        } = measured;
         let (ids, pieces) = components(mesh);
         let mut points_of = vec![0; pieces];
-        for closest in &closest {
+        for closest in closest {
             points_of[ids[closest.triangle] as usize] += 1;
         }
         let distances: Vec<f64> = closest.iter().map(|closest| closest.distance).collect();
         let signed: Vec<f64> = points
             .iter()
-            .zip(&closest)
+            .zip(closest)
             .map(|(&point, closest)| {
                 let [corner, ..] = mesh.corners(closest.triangle);
                 let outward = normalized(mesh.area_vector(closest.triangle)).unwrap_or([0.0; 3]);

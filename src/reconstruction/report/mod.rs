@@ -1,5 +1,6 @@
 //! The report of a run: its quality, and the record that makes it again.
 
+mod blocks;
 mod evidence;
 mod stopwatch;
 mod surface;
@@ -12,6 +13,7 @@ use crate::reconstruction::error::Error;
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::network::Ensemble;
 use crate::reconstruction::observer::Warning;
+use crate::reconstruction::plan::Plan;
 use crate::reconstruction::quality::{self, Comparison, Judge, MeshReport};
 use crate::reconstruction::sampling::{Counts, NormalSource, Prepared};
 use crate::reconstruction::settings::Settings;
@@ -19,12 +21,13 @@ use crate::reconstruction::surface::Field;
 use crate::reconstruction::training::{Termination, Trained};
 use crate::reconstruction::vector::Vec3;
 
+pub use blocks::{BlocksReport, EachBlock};
 pub use stopwatch::Seconds;
 pub(super) use stopwatch::Stopwatch;
 pub use surface::{Simplification, SurfaceReport};
 pub use verdict::Verdict;
 
-use evidence::Evidence;
+use evidence::{Evidence, Measured};
 
 /// Percent of the area without points below which the summary is silent about it.
 const NEGLIGIBLE_PERCENT: f64 = 1.0;
@@ -83,23 +86,6 @@ pub struct NetworkReport {
     pub parameters: usize,
 }
 
-/// The networks of blocks.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct BlocksReport {
-    /// How many there are.
-    pub count: usize,
-    /// Neurons of each of their hidden layers.
-    pub width: usize,
-    /// Their hidden layers.
-    pub hidden_layers: usize,
-    /// Trained numbers of all of them.
-    pub parameters: usize,
-    /// Evaluations of loss and gradient of all of them.
-    pub evaluations: u64,
-    /// Mean of their losses, each over the samples of its block.
-    pub loss: f64,
-}
-
 impl NetworkReport {
     fn new(ensemble: &Ensemble) -> Self {
         Self {
@@ -132,15 +118,15 @@ pub struct CloudReport {
 }
 
 impl CloudReport {
-    fn new(prepared: &Prepared) -> Self {
+    fn new(prepared: &Prepared, plan: &Plan<'_>) -> Self {
         let to_world = |length| prepared.frame.length_to_world(length);
         Self {
             spacing: to_world(prepared.spacing),
-            noise: prepared.noise.map(to_world),
+            noise: prepared.noise().map(to_world),
             orientation_confidence: prepared.orientation_confidence,
             anisotropy: prepared.anisotropy,
             area: prepared.area.map(|area| area * to_world(1.0).powi(2)),
-            weight_decay: prepared.weight_decay,
+            weight_decay: plan.weight_decay,
         }
     }
 }
@@ -215,10 +201,9 @@ pub struct Report {
 /// What a report is about.
 pub(super) struct Subject<'a> {
     pub(super) cloud: &'a PointCloud,
-    pub(super) settings: &'a Settings,
+    pub(super) plan: &'a Plan<'a>,
     pub(super) prepared: &'a Prepared,
     pub(super) mesh: &'a TriangleMesh,
-    pub(super) ensemble: &'a Ensemble,
     pub(super) blocks: Option<BlocksReport>,
     pub(super) field: &'a dyn Field,
     pub(super) engine: &'static str,
@@ -239,37 +224,34 @@ impl Report {
     ) -> Result<Self, Error> {
         let Subject {
             cloud,
-            settings,
+            plan,
             prepared,
             mesh,
             ..
         } = *subject;
-        let points =
-            |indices: &[usize]| -> Vec<Vec3> { indices.iter().map(|&i| cloud.points[i]).collect() };
-        let (described, judge) = rayon::join(
-            || quality::describe(mesh),
-            || Judge::new(mesh, settings.training.seed),
-        );
+        let settings = plan.settings;
+        let trained_on = prepared.surface.len();
+        let used = [prepared.surface.as_slice(), &prepared.held_out].concat();
+        let points: Vec<Vec3> = used.iter().map(|&i| cloud.points[i]).collect();
+        let described = quality::describe(mesh);
+        let judge = Judge::new(mesh, &points, settings.training.seed);
         let surface_points: Vec<Vec3> = prepared.measured(cloud).collect();
-        let compare = |indices| {
-            judge
-                .as_ref()
-                .and_then(|judge| judge.compare(&points(indices), &surface_points))
-        };
-        let trained_on = &prepared.surface;
+        let compare = |those| judge.as_ref()?.compare(those, &surface_points);
         let normal_agreement = cloud.normals.as_ref().and_then(|normals| {
-            let normals: Vec<Vec3> = trained_on.iter().map(|&i| normals[i]).collect();
-            judge
-                .as_ref()?
-                .normal_agreement(&points(trained_on), &normals)
+            let normals: Vec<Vec3> = prepared.surface.iter().map(|&i| normals[i]).collect();
+            judge.as_ref()?.normal_agreement(&normals)
         });
         let mut warnings = prepared.warnings.clone();
         warnings.extend(surface.warnings());
-        let cloud_report = CloudReport::new(prepared);
-        let used = [trained_on.as_slice(), prepared.held_out.as_slice()].concat();
+        let cloud_report = CloudReport::new(prepared, plan);
+        let closest = judge.as_ref().map_or(&[][..], Judge::closest);
         let (verdict, verdict_reasons) = verdict::judge(&Evidence::new(
             (mesh, &described),
-            (&points(&used), trained_on.len()),
+            Measured {
+                points: &points,
+                closest,
+                trained: trained_on,
+            },
             &cloud_report,
             &surface,
         ));
@@ -279,8 +261,8 @@ impl Report {
             versions: Versions::current(),
             inputs: Vec::new(),
             settings: settings.clone(),
-            network: NetworkReport::new(subject.ensemble),
-            blocks: subject.blocks,
+            network: NetworkReport::new(&plan.ensemble),
+            blocks: subject.blocks.clone(),
             engine: subject.engine,
             threads: rayon::current_num_threads(),
             normals: prepared.normals,
@@ -289,8 +271,8 @@ impl Report {
             training,
             surface,
             mesh: described,
-            distances: compare(trained_on),
-            validation_distances: compare(&prepared.held_out),
+            distances: compare(0..trained_on),
+            validation_distances: compare(trained_on..points.len()),
             field_at_points: FieldAtPoints::measure(subject)?,
             normal_agreement,
             seconds: Seconds::default(),

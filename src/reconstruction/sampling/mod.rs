@@ -34,11 +34,10 @@ use super::vector::Vec3;
 pub use frame::Frame;
 pub use normals::NormalSource;
 pub use prepare::prepare;
-pub(super) use prepare::{Scan, scan};
-pub(super) use selection::even_subset;
+pub(super) use prepare::{Scan, held_out_share, scan};
 pub(super) use solid::boundary;
-pub(super) use uncertainty::Uncertainty;
-pub(crate) use working::MAX_WORKING_POINTS;
+pub use uncertainty::Uncertainty;
+pub(super) use working::MAX_WORKING_POINTS;
 
 /// Points with targets and weights of the least-squares fit, in the frame of training.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -84,6 +83,13 @@ impl Samples {
     pub fn at_least(mut self) -> Self {
         self.one_sided.fill(true);
         self
+    }
+
+    /// The points on the surface: those whose target is 0.
+    pub fn on_surface(&self) -> Vec<Vec3> {
+        let on_surface = self.points.iter().zip(&self.targets);
+        let on_surface = on_surface.filter(|(_, target)| **target == 0.0);
+        on_surface.map(|(point, _)| *point).collect()
     }
 
     /// The least and the greatest f that costs nothing at sample `i`.
@@ -147,6 +153,8 @@ pub struct Prepared {
     /// Samples of the same kinds from what was held out, unit frame; empty without a hold-out, as on sparse
     /// clouds.
     pub validation: Samples,
+    /// Surface points that are worked with.
+    pub points: usize,
     /// Indices into the cloud of the surface points trained on, ascending.
     pub surface: Vec<usize>,
     /// Indices into the cloud of the surface points held out, ascending; at most 20,000.
@@ -160,13 +168,8 @@ pub struct Prepared {
     pub anisotropy: f64,
     /// Area of the surface as the points tell it, unit frame; none where nothing is generated.
     pub area: Option<f64>,
-    /// Standard deviation of the surface points from the surface, unit frame; none where nothing is generated.
-    pub noise: Option<f64>,
-    /// λ of λ/2 |parameters|², which training adds to the loss: what the noise asks for.
-    pub weight_decay: f64,
-    /// Whether the points leave the surface open between or beside them: they are sparse, or their noise is
-    /// above a tenth of their spacing.
-    pub uncertain: bool,
+    /// How far the surface points can be trusted, unit frame; none where nothing is generated.
+    pub uncertainty: Option<Uncertainty>,
     /// Blocks that the points were cut into, each with a network of its own; 0 where one network is enough.
     pub blocks: usize,
     /// Diagonal of the box of the surface points, unit frame.
@@ -184,6 +187,11 @@ pub struct Prepared {
 }
 
 impl Prepared {
+    /// Standard deviation of the surface points from the surface, unit frame; none where nothing is generated.
+    pub fn noise(&self) -> Option<f64> {
+        self.uncertainty.map(|u| u.noise)
+    }
+
     /// The surface points of `cloud`, in its coordinates, without strays: what the mesh is held against.
     pub(super) fn measured<'a>(&'a self, cloud: &'a PointCloud) -> impl Iterator<Item = Vec3> + 'a {
         cloud

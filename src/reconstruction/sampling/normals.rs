@@ -122,7 +122,8 @@ pub(super) fn shared(places: &[Vec3], tree: &Tree, normals: &[Vec3]) -> Vec<Vec3
         .collect()
 }
 
-fn plane(points: &[Vec3], tree: &Tree, p: Vec3, neighbours: usize) -> Vec3 {
+/// The direction of [`estimate`] at one place.
+pub(super) fn plane(points: &[Vec3], tree: &Tree, p: Vec3, neighbours: usize) -> Vec3 {
     let most = MOST_WIDENING * neighbours;
     // Relative to the point, so that no digits are lost far from the origin.
     let arms: Vec<Vec3> = tree

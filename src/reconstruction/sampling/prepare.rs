@@ -5,14 +5,14 @@ use super::neighbours::{Neighbourhoods, Tree, median};
 use super::oriented::OrientedSurface;
 use super::samples::{Grading, Sampler};
 use super::selection::{Split, even_subset, pick};
-use super::uncertainty::{Uncertainty, believed_noise, sparse};
+use super::uncertainty::{Uncertainty, believed_noise};
 use super::working::working_points;
 use super::{Counts, Prepared, Samples};
 use crate::reconstruction::cloud::{self, Label, PointCloud};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::random::{Generator, Purpose, stream};
-use crate::reconstruction::settings::{self, OffSurface, Settings};
+use crate::reconstruction::settings::{self, OffSurface, Sampling, Settings};
 use crate::reconstruction::vector::{Bounds, Vec3};
 
 /// Most held-out points that are listed.
@@ -63,7 +63,7 @@ pub(in crate::reconstruction) fn scan(
     let split = Split::new(
         &scene.points,
         settings.sampling.surface_points,
-        scene.held_out_share(),
+        held_out_share(&settings.sampling, scene.sparse),
         &mut choice,
     );
     let trained = pick(&scene.points, &split.trained);
@@ -123,22 +123,18 @@ pub(in crate::reconstruction) fn scan(
     }
     counts.validation = validation.len();
     let listed = even_subset(&held_out, MAX_HELD_OUT, &mut choice);
-    let weight_decay = uncertainty.map_or(0.0, |u| {
-        settings.training.smoothing * u.weight_decay(training.len())
-    });
     let prepared = Prepared {
         frame: scene.frame,
         training,
         validation,
+        points: scene.indices.len(),
         surface: pick(&scene.indices, &split.trained),
         held_out: pick(&scene.indices, &pick(&split.held_out, &listed)),
         counts,
         spacing,
         anisotropy: surface.as_ref().map_or(1.0, |surface| surface.anisotropy),
         area: surface.as_ref().map(|surface| surface.area),
-        noise: uncertainty.map(|u| u.noise),
-        weight_decay,
-        uncertain: uncertainty.is_some_and(|u| u.leaves_the_surface_open()),
+        uncertainty,
         blocks: 0,
         diagonal: scene.bounds.diagonal(),
         normals: surface.as_ref().map(|surface| surface.source),
@@ -153,6 +149,16 @@ pub(in crate::reconstruction) fn scan(
         band: scene.grading.band,
     });
     Ok((prepared, scan))
+}
+
+/// The share that is held out of a cloud within the budget: none of a sparse one, which needs every
+/// point, and which weight decay alone keeps from overfitting.
+pub(in crate::reconstruction) fn held_out_share(sampling: &Sampling, sparse: bool) -> f64 {
+    if sparse {
+        0.0
+    } else {
+        sampling.validation_fraction
+    }
 }
 
 fn stop_if(cancelled: &dyn Fn() -> bool) -> Result<(), Error> {
@@ -214,7 +220,7 @@ impl<'a> Scene<'a> {
         let band = settings.sampling.band * bounds.diagonal();
         let generated = settings.sampling.off_surface == OffSurface::Generated;
         Ok(Self {
-            sparse: generated && sparse(median_spacing(&points), band),
+            sparse: generated && Uncertainty::is_sparse(median_spacing(&points), band),
             cloud,
             settings,
             indices,
@@ -227,16 +233,6 @@ impl<'a> Scene<'a> {
                 band,
             },
         })
-    }
-
-    /// The share that is held out of a cloud within the budget: none of a sparse one, which needs every
-    /// point, and which weight decay alone keeps from overfitting.
-    fn held_out_share(&self) -> f64 {
-        if self.sparse {
-            0.0
-        } else {
-            self.settings.sampling.validation_fraction
-        }
     }
 
     /// The oriented surface; none where only labels are used.

@@ -26,18 +26,43 @@ impl Split {
     /// At most `budget` of `points` are trained on; where all are within it, `fraction` of them is
     /// held out all the same, except from tiny clouds.
     pub fn new(points: &[Vec3], budget: usize, fraction: f64, random: &mut Generator) -> Self {
-        let len = points.len();
-        let trained = if len > budget {
-            budget
-        } else {
-            let held_out = (fraction * len as f64) as usize;
-            (len - held_out).max(len.min(MIN_TRAINED))
-        };
+        let trained = trained_points(points.len(), budget, fraction);
         let trained = even_subset(points, trained, random);
-        let mut held_out: Vec<usize> = (0..len).collect();
-        held_out.retain(|i| trained.binary_search(i).is_err());
+        let held_out = others(points.len(), &trained);
         Self { trained, held_out }
     }
+
+    /// `count` of `points` are held out, as evenly as they are spread.
+    pub(in crate::reconstruction) fn holding_out(
+        points: &[Vec3],
+        count: usize,
+        random: &mut Generator,
+    ) -> Self {
+        let held_out = even_subset(points, count, random);
+        let trained = others(points.len(), &held_out);
+        Self { trained, held_out }
+    }
+}
+
+/// How many of so many points are trained on, see [`Split::new`].
+pub(in crate::reconstruction) fn trained_points(
+    points: usize,
+    budget: usize,
+    fraction: f64,
+) -> usize {
+    if points > budget {
+        budget
+    } else {
+        let held_out = (fraction * points as f64) as usize;
+        (points - held_out).max(points.min(MIN_TRAINED))
+    }
+}
+
+/// The positions in a list that are not among these, which ascend.
+fn others(len: usize, positions: &[usize]) -> Vec<usize> {
+    let mut others: Vec<usize> = (0..len).collect();
+    others.retain(|i| positions.binary_search(i).is_err());
+    others
 }
 
 /// Positions of `count` of `points`, ascending, spread as evenly as the points are.
@@ -92,6 +117,6 @@ pub fn distinct(points: &[Vec3], indices: &[usize]) -> Vec<usize> {
 }
 
 /// Those of `items` at `positions`.
-pub(super) fn pick<T: Copy>(items: &[T], positions: &[usize]) -> Vec<T> {
+pub(in crate::reconstruction) fn pick<T: Copy>(items: &[T], positions: &[usize]) -> Vec<T> {
     positions.iter().map(|&i| items[i]).collect()
 }

@@ -49,35 +49,35 @@ pub(super) fn believed_noise(found: f64, points: usize, spacing: f64) -> f64 {
     }
 }
 
-/// Whether a cloud of this spacing is sparse beside its band.
-pub(super) fn sparse(spacing: f64, band: f64) -> bool {
-    spacing > SPARSE * band
-}
-
 /// Noise and spacing of a cloud beside the band of its targets, all in the same unit.
-#[derive(Debug, Clone, Copy)]
-pub(in crate::reconstruction) struct Uncertainty {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Uncertainty {
     /// Standard deviation of the points from the surface.
-    pub(in crate::reconstruction) noise: f64,
+    pub noise: f64,
     /// Median spacing of the points that are trained on.
-    pub(in crate::reconstruction) spacing: f64,
+    pub spacing: f64,
     /// Distance at which graded targets reach ±1.
-    pub(in crate::reconstruction) band: f64,
-    /// Whether the points lie far apart beside the band ([`sparse`]).
-    pub(in crate::reconstruction) sparse: bool,
+    pub band: f64,
+    /// Whether the points lie far apart beside the band ([`Self::is_sparse`]).
+    pub sparse: bool,
     /// Points for each place of slices or scan lines that share what one would weigh there; 1 of even clouds.
-    pub(in crate::reconstruction) crowding: f64,
+    pub crowding: f64,
 }
 
 impl Uncertainty {
+    /// Whether a cloud of this spacing is sparse beside its band.
+    pub fn is_sparse(spacing: f64, band: f64) -> bool {
+        spacing > SPARSE * band
+    }
+
     /// Whether there are different surfaces that fit the points equally well.
-    pub(in crate::reconstruction) fn leaves_the_surface_open(&self) -> bool {
+    pub fn leaves_the_surface_open(&self) -> bool {
         self.sparse || self.noise > NOISY * self.spacing
     }
 
     /// Weight of a surface point over that of a near sample: inverse variances, shared by the
     /// points at one place.
-    pub(in crate::reconstruction) fn surface_weight(&self) -> f64 {
+    pub fn surface_weight(&self) -> f64 {
         let least = if self.sparse {
             LEAST_ERROR_SPARSE
         } else {
@@ -94,7 +94,7 @@ impl Uncertainty {
     }
 
     /// λ of λ/2 |parameters|² beside the mean square error of so many samples.
-    pub(in crate::reconstruction) fn weight_decay(&self, samples: usize) -> f64 {
+    pub fn weight_decay(&self, samples: usize) -> f64 {
         let factor = if self.sparse { DECAY_SPARSE } else { DECAY };
         factor * (self.noise / self.band).powi(2) / samples as f64
     }

@@ -35,32 +35,6 @@ pub struct Settings {
     pub surface: Surface,
 }
 
-/// Generated samples for each pair of L-BFGS. Reading a pair takes as long as evaluating some tens of samples;
-/// from 300 points, 20 to 100 pairs give the same surfaces, from 2000 and more every pair helps.
-const SAMPLES_PER_PAIR: usize = 64;
-
-/// The network of a block is looked at after [`Training::block_evaluations`], and goes on for as many up to so many
-/// times.
-const BLOCK_ROUNDS: u64 = 3;
-
-impl Training {
-    /// Most evaluations of the network of a block.
-    pub fn most_block_evaluations(&self) -> u64 {
-        BLOCK_ROUNDS * self.block_evaluations
-    }
-}
-
-impl Settings {
-    /// Most pairs that L-BFGS keeps over so many training samples.
-    pub fn kept_pairs(&self, samples: usize) -> usize {
-        let asked = self.training.history;
-        match self.sampling.off_surface {
-            OffSurface::Labels => asked,
-            OffSurface::Generated => asked.min(samples.div_ceil(SAMPLES_PER_PAIR)),
-        }
-    }
-}
-
 /// Residual scheme of the hidden layers; z = W a + b, `∘` element-wise (\[N24\] section 2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -362,14 +336,5 @@ mod tests {
         assert_eq!(surface.remove("target_triangles"), Some(0.into()));
         let settings: Settings = serde_json::from_value(stored).unwrap();
         assert_eq!(settings, Preset::Fine.settings());
-    }
-
-    #[test]
-    fn few_generated_samples_keep_few_pairs() {
-        let balanced = Preset::Balanced.settings();
-        assert_eq!(balanced.kept_pairs(640), 10);
-        assert_eq!(balanced.kept_pairs(1_000_000), balanced.training.history);
-        // Those of the paper's runs stay as asked for.
-        assert_eq!(Preset::Paper.settings().kept_pairs(640), 100);
     }
 }

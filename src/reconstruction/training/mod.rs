@@ -48,7 +48,7 @@ pub enum Termination {
     HandedOver,
 }
 
-/// One accepted iteration of the optimiser.
+/// One accepted iteration of the optimiser; or where the fitting of blocks stands, all of the first ones together.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Metrics {
     /// Accepted iterations so far.
@@ -66,6 +66,10 @@ pub struct Metrics {
     /// Frobenius norm of each layer's weights, input to output; gates after them. Of an ensemble, the root of
     /// the mean square over its members.
     pub weight_norms: Vec<f64>,
+    /// The first so many blocks are fitted, and the numbers are those of all of them; none while the networks of the
+    /// whole are trained.
+    #[serde(default)]
+    pub blocks: Option<u64>,
 }
 
 /// Distribution of the loss gradient over each layer's weights at one evaluation; over those of all members

@@ -37,9 +37,7 @@ impl<'a, T: Scalar> Problem<'a, T> {
     /// # Errors
     /// What the engine reports.
     pub fn field(&self, parameters: &[T]) -> Result<MeanField<'a>, Error> {
-        let members = self.engine.architecture().members(parameters);
-        let fields = members.map(|parameters| self.engine.field(parameters));
-        Ok(MeanField::new(fields.collect::<Result<_, _>>()?))
+        MeanField::of(self.engine, parameters)
     }
 
     /// Mean weighted squared error of the field at the validation samples; `None` without a hold-out.

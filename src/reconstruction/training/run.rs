@@ -191,6 +191,7 @@ impl<'a, T: Scalar> Run<'a, T> {
             gradient_norm: at.gradient_norm(),
             step_length: step.length,
             weight_norms: architecture.weight_norms(&at.parameters),
+            blocks: None,
         });
         Ok(if step.termination.is_some() {
             step.termination

@@ -201,17 +201,19 @@ fn a_missing_half_shows_in_one_direction_only() {
 #[test]
 fn a_cloud_on_the_surface_is_near_it_both_ways() {
     let mesh = sphere(1.0, 5);
-    let judge = Judge::new(&mesh, 1).unwrap();
-    let comparison = judge.compare(&mesh.vertices, &mesh.vertices).unwrap();
+    let judge = Judge::new(&mesh, &mesh.vertices, 1).unwrap();
+    let all = 0..mesh.vertices.len();
+    let comparison = judge.compare(all, &mesh.vertices).unwrap();
     assert!(comparison.cloud_to_mesh.max < 1e-14);
     // No point of a facet is farther from a corner than half of the longest edge / cos 30°.
     assert!(comparison.mesh_to_cloud.max < 0.05);
     assert!(comparison.mesh_to_cloud.mean > 0.005);
-    assert!(judge.compare(&[], &mesh.vertices).is_none());
+    assert!(judge.compare(0..0, &mesh.vertices).is_none());
     // A single point, and even a cloud in one place, have percentages of something.
     let point = &[[0.0, 0.0, 2.0]];
     for whole in [&mesh.vertices[..], point] {
-        let comparison = judge.compare(point, whole).unwrap();
+        let judge = Judge::new(&mesh, point, 1).unwrap();
+        let comparison = judge.compare(0..1, whole).unwrap();
         let percent = comparison.cloud_to_mesh.mean_percent;
         assert!(
             (percent - 100.0 / comparison.diagonal).abs() < 0.1,
@@ -219,7 +221,7 @@ fn a_cloud_on_the_surface_is_near_it_both_ways() {
         );
         assert!((comparison.diagonal - 12f64.sqrt()).abs() < 0.01);
     }
-    assert!(Judge::new(&TriangleMesh::default(), 1).is_none());
+    assert!(Judge::new(&TriangleMesh::default(), point, 1).is_none());
 }
 
 #[test]
@@ -242,14 +244,10 @@ fn normals_agree_with_the_mesh_they_belong_to() {
         .collect();
     let inward: Vec<Vec3> = points.iter().map(|p| p.map(|x| -3.0 * x)).collect();
     // A facet with edges of 0.08 is tilted by at most 0.04 from the sphere: cosine 0.9992.
-    let judge = Judge::new(&mesh, 1).unwrap();
-    assert!(judge.normal_agreement(&points, &points).unwrap() > 0.999);
-    assert!(judge.normal_agreement(&points, &inward).unwrap() < -0.999);
-    assert!(
-        judge
-            .normal_agreement(&points, &vec![[0.0; 3]; 500])
-            .is_none()
-    );
+    let judge = Judge::new(&mesh, &points, 1).unwrap();
+    assert!(judge.normal_agreement(&points).unwrap() > 0.999);
+    assert!(judge.normal_agreement(&inward).unwrap() < -0.999);
+    assert!(judge.normal_agreement(&vec![[0.0; 3]; 500]).is_none());
 }
 
 #[test]

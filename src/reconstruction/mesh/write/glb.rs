@@ -104,7 +104,9 @@ fn document(mesh: &TriangleMesh, translation: Option<Vec3>) -> Value {
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [node],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": indices}]}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}],
+        // The default of the format is metal, which is dark where nothing surrounds it.
+        "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0}}],
         "accessors": accessors,
         "bufferViews": views,
         "buffers": [{"byteLength": binary_length(mesh)}],

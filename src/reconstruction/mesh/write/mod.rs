@@ -14,7 +14,7 @@ use std::io::{self, BufWriter, Write};
 use serde::{Deserialize, Serialize};
 
 use super::TriangleMesh;
-use crate::reconstruction::vector::Vec3;
+use crate::reconstruction::vector::{Bounds, Vec3};
 
 /// A file format for meshes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -31,7 +31,7 @@ pub enum Format {
     /// STL, binary: 32-bit coordinates without shared vertices, so far from the origin it loses
     /// digits that the other formats keep.
     Stl,
-    /// Geomview OFF; NOFF with normals.
+    /// Geomview OFF.
     Off,
     /// glTF 2.0 in one binary file; with normals.
     Glb,
@@ -101,7 +101,7 @@ impl Format {
 ///
 /// # Errors
 /// What `out` reports; `InvalidInput` where the mesh has more than the 32-bit counts of STL and GLB
-/// can hold.
+/// can hold, or lies so far from the origin that the 32-bit coordinates of STL would tear it.
 pub fn write(mesh: &TriangleMesh, format: Format, out: &mut dyn Write) -> io::Result<()> {
     let mut out = BufWriter::with_capacity(1 << 16, out);
     match format {
@@ -121,13 +121,22 @@ fn fits_f32(mesh: &TriangleMesh) -> bool {
     let Some(bounds) = mesh.bounds() else {
         return true;
     };
-    let largest = [bounds.min, bounds.max]
-        .into_iter()
-        .flatten()
-        .fold(0.0, |largest: f64, v| largest.max(v.abs()));
     // Rounding to 24 bits moves a number by at most 2⁻²⁴ of itself, and a tiny one by 2⁻¹⁵⁰.
-    let rounding = (largest * 2f64.powi(-24)).max(2f64.powi(-150));
+    let rounding = (largest(&bounds) * 2f64.powi(-24)).max(2f64.powi(-150));
     rounding <= 1e-6 * bounds.diagonal()
+}
+
+/// Whether the format tells vertices apart that lie within `bounds`, `edge` from each other: the 32
+/// bits of STL may move them by a small part of that only.
+pub fn holds(format: Format, bounds: &Bounds, edge: f64) -> bool {
+    /// Most that a coordinate may be moved, as a share of an edge.
+    const MOST: f64 = 1.0 / 64.0;
+    format != Format::Stl || largest(bounds) * f64::from(f32::EPSILON) <= MOST * edge
+}
+
+fn largest(bounds: &Bounds) -> f64 {
+    let coordinates = [bounds.min, bounds.max].into_iter().flatten();
+    coordinates.fold(0.0, |largest: f64, v| largest.max(v.abs()))
 }
 
 /// Whether every vertex has a normal.
@@ -148,10 +157,15 @@ fn write_text<T: Display>([x, y, z]: [T; 3], out: &mut impl Write) -> io::Result
     write!(out, "{x} {y} {z}")
 }
 
-/// The vertices with their normals and `more` values, one each or none, then the triangles, a line each:
-/// the body of PLY and OFF.
-fn write_tables(mesh: &TriangleMesh, more: &[f64], out: &mut impl Write) -> io::Result<()> {
-    let (short, normals) = (fits_f32(mesh), has_normals(mesh));
+/// The vertices with their normals if asked for, and `more` values, one each or none, then the
+/// triangles, a line each: the body of PLY and OFF.
+fn write_tables(
+    mesh: &TriangleMesh,
+    normals: bool,
+    more: &[f64],
+    out: &mut impl Write,
+) -> io::Result<()> {
+    let short = fits_f32(mesh);
     for (i, &vertex) in mesh.vertices.iter().enumerate() {
         if short {
             write_text(to_f32(vertex), out)?;

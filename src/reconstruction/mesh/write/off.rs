@@ -1,13 +1,13 @@
-//! Geomview OFF, and NOFF where there are normals.
+//! Geomview OFF. Without normals: NOFF, which has them, is refused by readers that know OFF only.
 
 use std::io::{self, Write};
 
-use super::{has_normals, write_tables};
+use super::write_tables;
 use crate::reconstruction::mesh::TriangleMesh;
 
 pub(super) fn write(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
-    writeln!(out, "{}", if has_normals(mesh) { "NOFF" } else { "OFF" })?;
+    writeln!(out, "OFF")?;
     // The number of edges is never read.
     writeln!(out, "{} {} 0", mesh.vertices.len(), mesh.triangles.len())?;
-    write_tables(mesh, &[], out)
+    write_tables(mesh, false, &[], out)
 }

@@ -40,7 +40,7 @@ pub(super) fn write_binary(mesh: &TriangleMesh, out: &mut impl Write) -> io::Res
 
 pub(super) fn write_ascii(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
     header(mesh, "ascii", fits_f32(mesh), out)?;
-    write_tables(mesh, distances(mesh), out)
+    write_tables(mesh, has_normals(mesh), distances(mesh), out)
 }
 
 /// The distances to the points; none unless every vertex has one.

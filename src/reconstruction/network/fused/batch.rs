@@ -9,7 +9,7 @@ use crate::reconstruction::vector::Vec3;
 /// Most points of a tile. The weight gradients of a tile are summed over it in registers, so that
 /// more points amortise what follows; but what it keeps (8 bytes a neuron and point) should stay in
 /// the level-2 cache. 512 was best or next to best at widths 50, 100 and 200.
-const TILE_POINTS: usize = 512;
+pub(in crate::reconstruction) const TILE_POINTS: usize = 512;
 
 /// The number of tiles is a multiple of this where there are blocks enough, so that as many threads
 /// get equal shares.

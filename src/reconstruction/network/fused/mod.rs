@@ -36,6 +36,7 @@ use crate::reconstruction::error::Error;
 use crate::reconstruction::sampling::Samples;
 use crate::reconstruction::surface::Field;
 use batch::Batch;
+pub(in crate::reconstruction) use batch::TILE_POINTS;
 use dispatch::{Blockwise, dispatch};
 use field::FusedField;
 use output::OutputSums;

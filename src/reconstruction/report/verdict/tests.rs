@@ -1,8 +1,9 @@
 //! The verdict on meshes made by hand, right ones and wrong ones.
 
+use super::super::evidence::Measured;
 use super::super::{CloudReport, SurfaceReport};
 use super::*;
-use crate::reconstruction::mesh::TriangleMesh;
+use crate::reconstruction::mesh::{TriangleMesh, closest_to_each};
 use crate::reconstruction::quality::describe;
 use crate::reconstruction::vector::{Vec3, add, scale};
 
@@ -90,8 +91,13 @@ fn judged(
     };
     let surface = surface(percent);
     let described = describe(mesh);
-    let about = (points, points.len());
-    let mut evidence = Evidence::new((mesh, &described), about, &cloud, &surface);
+    let closest = closest_to_each(mesh, points).unwrap_or_default();
+    let measured = Measured {
+        points,
+        closest: &closest,
+        trained: points.len(),
+    };
+    let mut evidence = Evidence::new((mesh, &described), measured, &cloud, &surface);
     change(&mut evidence);
     let (verdict, reasons) = judge(&evidence);
     for reason in &reasons {

@@ -1,14 +1,24 @@
 //! Orientation of many points, by way of an even subset of them.
 
+use rayon::prelude::*;
+
 use super::contradiction::contradiction;
 use super::{CLEARLY_LESS, CONTRADICTS, Estimated, MANY, ROUGH, orient, refined, spanning};
 use crate::reconstruction::random::{Purpose, stream};
 use crate::reconstruction::sampling::jets::Jets;
 use crate::reconstruction::sampling::neighbours::{Neighbourhoods, Tree, median};
-use crate::reconstruction::sampling::normals::{estimate, shared};
+use crate::reconstruction::sampling::normals::{estimate, plane, shared};
 use crate::reconstruction::sampling::selection::{even_subset, pick};
 use crate::reconstruction::sampling::winding::Oriented;
-use crate::reconstruction::vector::Vec3;
+use crate::reconstruction::vector::{Vec3, dot};
+
+/// Points of the subset around a place that tell its side, where none of them has a neighbour of another direction.
+/// This and [`BENT`] were chosen on a horse of 100,000 points (38 of them got a wrong side, of 85 that follow the
+/// subset alone) and looked at on 500,000 (117 of 393) and a face (none of either).
+const NEXT: usize = 8;
+
+/// Cosine between normals of neighbours in the subset below which it is too coarse to tell the sides there.
+const BENT: f64 = 0.8;
 
 /// More points than are looked at one by one.
 ///
@@ -44,9 +54,19 @@ impl<'a> Many<'a> {
         let near = Neighbourhoods::new(&tree, &self.some, self.neighbours.count());
         let coarse = orient(&self.some, &tree, &near);
         let followed = self.refine(shared(self.points, &tree, &coarse.normals), coarse.noise);
-        let contradicted = self.contradiction(&followed.normals);
+        let mut contradicted = self.contradiction(&followed.normals);
+        let mut best = followed;
+        if !self.is_rough(coarse.noise)
+            && let Some(grown) = self.grown(&best.normals, &tree, &bends(&coarse.normals, &near))
+        {
+            let grown = self.refine(grown, coarse.noise);
+            let less = self.contradiction(&grown.normals);
+            if CLEARLY_LESS * less < contradicted {
+                (best, contradicted) = (grown, less);
+            }
+        }
         if contradicted < CONTRADICTS {
-            return followed;
+            return best;
         }
         let flat = estimate(self.points, self.tree, self.neighbours.count());
         let spanned = spanning::propagated(self.points, &flat, self.neighbours);
@@ -54,8 +74,38 @@ impl<'a> Many<'a> {
         if self.contradiction(&spanned.normals) < CLEARLY_LESS * contradicted {
             spanned
         } else {
-            followed
+            best
         }
+    }
+
+    /// `normals` whose sides in folds come from the points themselves; `None` where the subset, of this `tree`, `bends`
+    /// nowhere.
+    fn grown(&self, normals: &[Vec3], tree: &Tree, bends: &[bool]) -> Option<Vec<Vec3>> {
+        let known: Vec<bool> = self
+            .points
+            .par_iter()
+            .map(|p| !tree.nearest_n(*p, NEXT).iter().any(|&(i, _)| bends[i]))
+            .collect();
+        if known.iter().all(|known| *known) {
+            return None;
+        }
+        let count = self.neighbours.count();
+        let directions: Vec<Vec3> = (0..self.points.len())
+            .into_par_iter()
+            .map(|i| {
+                if known[i] {
+                    normals[i]
+                } else {
+                    plane(self.points, self.tree, self.points[i], count)
+                }
+            })
+            .collect();
+        Some(spanning::grown(
+            self.points,
+            &directions,
+            self.neighbours,
+            &known,
+        ))
     }
 
     /// What fits tell of points whose outward `normals` are known.
@@ -97,4 +147,15 @@ impl<'a> Many<'a> {
         })
         .closed
     }
+}
+
+/// Which points have a neighbour whose normal has another direction: folds, edges and parts that nearly touch.
+fn bends(normals: &[Vec3], neighbours: &Neighbourhoods) -> Vec<bool> {
+    (0..normals.len())
+        .into_par_iter()
+        .map(|i| {
+            let mut nearest = neighbours.of(i).take(NEXT);
+            nearest.any(|j| dot(normals[i], normals[j]) < BENT)
+        })
+        .collect()
 }

@@ -56,6 +56,41 @@ pub(super) fn propagated(
     best.1
 }
 
+/// The unit `normals` of `points`, where those that are not `known` take their side from those that are, along a
+/// minimum spanning tree of the neighbour graph.
+pub(super) fn grown(
+    points: &[Vec3],
+    normals: &[Vec3],
+    neighbours: &Neighbourhoods,
+    known: &[bool],
+) -> Vec<Vec3> {
+    let mut forest = Forest::new(points.len() + 1);
+    let ground = points.len();
+    for i in (0..points.len()).filter(|&i| known[i]) {
+        forest.join(ground, i, false);
+    }
+    let of_open = |i: &usize| !known[*i];
+    let mut edges = Vec::new();
+    for i in (0..points.len()).filter(of_open) {
+        edges.extend(
+            neighbours
+                .of(i)
+                .map(|j| edge(points, normals, Rule::Reflected, [i, j])),
+        );
+    }
+    for (_, i, j, opposite) in sorted(edges) {
+        forest.join(i as usize, j as usize, opposite);
+    }
+    let (root, turned) = forest.root(ground);
+    let mut grown = normals.to_vec();
+    for i in (0..points.len()).filter(of_open) {
+        if forest.root(i) == (root, !turned) {
+            grown[i] = scale(grown[i], -1.0);
+        }
+    }
+    grown
+}
+
 /// An edge of the neighbour graph: cost, ends, and whether its normals should be opposite.
 type Edge = (f64, u32, u32, bool);
 
@@ -68,17 +103,21 @@ fn edges(
 ) -> Vec<Edge> {
     let mut edges: Vec<Edge> = Vec::new();
     for i in 0..points.len() {
-        for j in neighbours.of(i).take(reach) {
-            // Either end may list the other; of two equal edges the second one changes nothing.
-            let agreement = rule.agreement(sub(points[j], points[i]), normals[i], normals[j]);
-            edges.push((
-                1.0 - agreement.abs(),
-                i.min(j) as u32,
-                i.max(j) as u32,
-                agreement < 0.0,
-            ));
-        }
+        // Either end may list the other; of two equal edges the second one changes nothing.
+        let near = neighbours.of(i).take(reach);
+        edges.extend(near.map(|j| edge(points, normals, rule, [i, j])));
     }
+    sorted(edges)
+}
+
+fn edge(points: &[Vec3], normals: &[Vec3], rule: Rule, [i, j]: [usize; 2]) -> Edge {
+    let agreement = rule.agreement(sub(points[j], points[i]), normals[i], normals[j]);
+    let cost = 1.0 - agreement.abs();
+    (cost, i.min(j) as u32, i.max(j) as u32, agreement < 0.0)
+}
+
+/// Cheapest first.
+fn sorted(mut edges: Vec<Edge>) -> Vec<Edge> {
     edges.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     edges
 }

@@ -1,0 +1,74 @@
+//! The networks that fit a cloud as a whole: their training, and whether they leave too much of it.
+
+use super::blocks;
+use super::error::Error;
+use super::mesher::Mesher;
+use super::network::{Engine, MeanField, Scalar};
+use super::observer::Event;
+use super::sampling::Scan;
+use super::training::{Hooks, Identity, Problem, Termination, Trained, train};
+
+/// Trains one network, or an ensemble; a snapshot is extracted at each chosen evaluation. Whether blocks are to go on
+/// from there comes with it.
+///
+/// # Errors
+/// As for [`train`]; what the snapshots report.
+pub(super) fn fit<T: Scalar>(
+    engine: &dyn Engine<T>,
+    mesher: &Mesher<'_>,
+    scan: Option<&Scan>,
+    identity: Identity,
+) -> Result<(Trained<T>, bool), Error> {
+    let (plan, prepared) = (mesher.plan, mesher.prepared);
+    let leaves_too_much = |parameters: &[T]| match (&plan.blocks, scan) {
+        (Some(_), Some(scan)) => {
+            let field = MeanField::of(engine, parameters)?;
+            blocks::needed(&field, prepared, scan)
+        }
+        _ => Ok(false),
+    };
+    let first_look = plan.blocks.as_ref().and_then(|blocks| blocks.first_look);
+    let mut snapshot = |evaluation: u64, parameters: &[T]| {
+        let field = MeanField::of(engine, parameters)?;
+        // Training takes care of a release after this iteration, without losing it.
+        // Its progress is not that of training.
+        match mesher.mesh(&field, &|| mesher.observer.cancelled(), &|_| {}) {
+            Ok((mesh, _)) => {
+                mesher.observer.event(Event::Snapshot {
+                    evaluation,
+                    mesh: &mesh,
+                });
+                Ok(())
+            }
+            // Early in training there may be no surface yet; that is worth no failed run.
+            Err(Error::NoSurface(_)) => Ok(()),
+            Err(error) => Err(error),
+        }
+    };
+    let hooks = Hooks {
+        observer: mesher.observer,
+        snapshot: &mut snapshot,
+        enough: &mut |evaluations, parameters| {
+            let looks = first_look.is_some_and(|look| evaluations.contains(&(look - 1)));
+            Ok(looks && leaves_too_much(parameters)?)
+        },
+        identity,
+    };
+    let problem = Problem {
+        engine,
+        validation: &prepared.validation,
+        weight_decay: plan.weight_decay,
+        output_layer: plan.output_layer,
+    };
+    let parameters = plan.ensemble.initial_parameters(plan.training.seed);
+    let trained = train(problem, parameters, &plan.training, hooks)?;
+    if trained.termination == Termination::Cancelled {
+        return Err(Error::Cancelled);
+    }
+    let refines = match trained.termination {
+        Termination::HandedOver => true,
+        Termination::TimeLimit => false,
+        _ => leaves_too_much(&trained.parameters)?,
+    };
+    Ok((trained, refines))
+}

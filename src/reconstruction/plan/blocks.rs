@@ -1,0 +1,91 @@
+//! Whether a cloud may be cut into blocks, and what each of them gets.
+
+use crate::reconstruction::network::Architecture;
+use crate::reconstruction::plan::Findings;
+use crate::reconstruction::settings::{Settings, Training};
+
+/// Evaluations of the one network after which it is asked whether it will do, where the cloud has more points than
+/// it is fitted to.
+const FIRST_LOOK: u64 = 150;
+
+/// What one network may leave of a cloud, in spacings of its points. Chosen on the bunny and the hand of the bench.
+const LEFT_OF_SPACING: f64 = 0.05;
+
+/// What it may leave, over the noise.
+const LEFT_OF_NOISE: f64 = 0.5;
+
+/// Points that are held out of the blocks, at most: enough to tell the error of a mesh.
+const HELD_OUT: usize = 2_500;
+
+/// The network of a block is looked at after the evaluations of a round, and goes on for as many up to so many
+/// times.
+const ROUNDS: u64 = 3;
+
+/// Pairs of L-BFGS: over 100 to 150 evaluations 15 did as well as 40.
+const PAIRS: usize = 15;
+
+/// What the network of a block may leave of its points, in spacings. Chosen on a ball with bumps.
+const LEFT: f64 = 0.02;
+
+/// The blocks of a cloud, should it need them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BlockPlan {
+    /// How many there are.
+    pub count: usize,
+    /// Points of the cloud that are held out of them.
+    pub held_out: usize,
+    /// The network of each.
+    pub architecture: Architecture,
+    /// Evaluations after which the one network is asked whether it will do, before its training ends.
+    pub first_look: Option<u64>,
+    /// Evaluations after which the network of a block is asked the same; each time.
+    pub round: u64,
+    /// The training of the network of a block.
+    pub training: Training,
+}
+
+impl BlockPlan {
+    /// None where the settings want none, the cloud is that of one block, or nothing is known of its surface.
+    pub(super) fn new(settings: &Settings, findings: &Findings) -> Option<Self> {
+        let (points, most) = (findings.points, settings.network.block_points);
+        if most == 0 || points <= most || findings.uncertainty.is_none() {
+            return None;
+        }
+        let share = (settings.sampling.validation_fraction * points as f64) as usize;
+        let held_out = share.min(HELD_OUT);
+        // Of uncertain points, an ensemble that has not settled yet leaves more than it will.
+        let looks = !findings.is_uncertain() || points > settings.sampling.surface_points;
+        let round = settings.training.block_evaluations;
+        Some(Self {
+            count: (points - held_out).div_ceil(most),
+            held_out,
+            architecture: Architecture::of_block(&settings.network),
+            first_look: looks.then_some(FIRST_LOOK),
+            round,
+            training: Training {
+                max_evaluations: ROUNDS * round,
+                history: PAIRS,
+                patience: 0,
+                time_limit_seconds: 0.0,
+                histogram_evaluations: Vec::new(),
+                snapshot_evaluations: Vec::new(),
+                ..settings.training.clone()
+            },
+        })
+    }
+
+    /// How far one network may leave points of such spacing, whose noise is known, without them.
+    pub fn tolerated(spacing: f64, noise: f64) -> f64 {
+        (LEFT_OF_SPACING * spacing).max(LEFT_OF_NOISE * noise)
+    }
+
+    /// How far the network of a block may leave its points: their noise, and a share of their spacing.
+    pub fn allowed(spacing: f64, noise: f64) -> f64 {
+        noise.hypot(LEFT * spacing)
+    }
+
+    /// The training of the network of block `k`, which has first weights of its own.
+    pub fn seed(&self, k: usize) -> u64 {
+        self.training.seed.wrapping_add(1 + k as u64)
+    }
+}
