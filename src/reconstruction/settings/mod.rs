@@ -50,7 +50,7 @@ pub enum Scheme {
     /// tanh z + z∘z, on every `residual_every`-th hidden layer.
     Sqrhw,
     /// (1-tanh z)∘u + tanh z∘v with two encoders u and v, each tanh of an affine map of the point, from the
-    /// second hidden layer (Wang, Teng, Perdikaris, arXiv:2001.04536, equations 41 to 45).
+    /// second hidden layer (Wang, Teng, Perdikaris, arXiv:2001.04536).
     Gated,
 }
 
