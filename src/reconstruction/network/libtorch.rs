@@ -236,7 +236,7 @@ impl<'a> Network<'a> {
         if self.architecture.scheme != Scheme::Gated || self.layers.len() == first {
             return Ok(None);
         }
-        let encoder = |k| self.affine(first + k, points)?.f_tanh();
+        let encoder = |k: usize| self.affine(first + k, points)?.f_tanh();
         Ok(Some([encoder(0)?, encoder(1)?]))
     }
 
