@@ -156,6 +156,9 @@ fn the_gates_of_highway_are_not_supported() {
     let highway = architecture(Scheme::Highway, 9, 2);
     assert!(!Fused::supports(&highway));
     assert!(Fused::new(highway, &none).is_none());
+    let gated = architecture(Scheme::Gated, 9, 2);
+    assert!(!Fused::supports(&gated));
+    assert!(Fused::new(gated, &none).is_none());
     // Without a second hidden layer there is no gate.
     assert!(Fused::supports(&architecture(Scheme::Highway, 9, 1)));
 }

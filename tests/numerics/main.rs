@@ -6,6 +6,7 @@ mod checkpoint;
 mod engines;
 mod ensemble;
 mod fewer_triangles;
+mod gated;
 mod kinds;
 mod mesh;
 mod network;

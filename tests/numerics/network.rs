@@ -9,12 +9,13 @@ use meshway::reconstruction::surface::Field;
 use meshway::reconstruction::training::Problem;
 use meshway::reconstruction::vector::Vec3;
 
-const SCHEMES: [Scheme; 5] = [
+const SCHEMES: [Scheme; 6] = [
     Scheme::Plain,
     Scheme::Resnet,
     Scheme::Highway,
     Scheme::Hw,
     Scheme::Sqrhw,
+    Scheme::Gated,
 ];
 
 /// Step of the central differences.
@@ -178,6 +179,7 @@ fn residuals_sit_where_they_should() {
     assert_eq!(carriers(Scheme::Plain, 1), [0; 0]);
     assert_eq!(carriers(Scheme::Resnet, 2), [2, 3, 4, 5]);
     assert_eq!(carriers(Scheme::Highway, 2), [2, 3, 4, 5]);
+    assert_eq!(carriers(Scheme::Gated, 2), [2, 3, 4, 5]);
     assert_eq!(carriers(Scheme::Hw, 1), [1, 2, 3, 4, 5]);
     assert_eq!(carriers(Scheme::Sqrhw, 2), [1, 3, 5]);
     assert_eq!(carriers(Scheme::Sqrhw, 3), [1, 4]);
@@ -191,6 +193,15 @@ fn parameters_lie_as_in_pytorch() {
         "linear.0 linear.1 linear.2 linear.3 linear.4 linear.5 gate.0 gate.1 gate.2 gate.3";
     assert_eq!(names.join(" "), expected);
     assert_eq!(highway.parameter_count(), 10_451 + 4 * 2_550);
+    let gated = architecture(Scheme::Gated, 50, 5);
+    let layers = gated.layers();
+    assert_eq!(layers[6].name, "encoder.0");
+    assert_eq!(layers[7].name, "encoder.1");
+    assert_eq!((layers[7].rows, layers[7].columns), (50, 3));
+    assert_eq!(gated.parameter_count(), 10_451 + 2 * 200);
+    assert_eq!(gated.output_layer(), 10_400..10_451);
+    // Without a second hidden layer there is nothing to blend.
+    assert_eq!(architecture(Scheme::Gated, 50, 1).parameter_count(), 251);
     let layers = architecture(Scheme::Sqrhw, 50, 5).layers();
     assert_eq!((layers[0].rows, layers[0].columns), (50, 3));
     assert_eq!(

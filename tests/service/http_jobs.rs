@@ -330,7 +330,8 @@ async fn a_refused_setting_says_what_it_is_and_what_it_may_be() {
         json!([
             {
                 "pointer": "/settings/network/scheme",
-                "detail": "is \"highwy\", must be one of plain, resnet, highway, hw, sqrhw; \
+                "detail": "is \"highwy\", must be one of plain, resnet, highway, hw, sqrhw, \
+                           gated; \
                            did you mean highway?",
             },
             {

@@ -22,7 +22,8 @@ pub struct Architecture {
 /// One affine map z = W a + b.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layer {
-    /// `linear.0`, … to the output; `gate.0`, … from the second hidden layer (`highway`).
+    /// `linear.0`, … to the output; `gate.0`, … from the second hidden layer (`highway`); `encoder.0` and `encoder.1`
+    /// of the point (`gated`).
     pub name: String,
     /// Length of z.
     pub rows: usize,
@@ -55,7 +56,7 @@ impl Architecture {
     }
 
     /// All layers in the order of their parameters, which is that of PyTorch's `parameters()`:
-    /// weight and bias of each linear layer from input to output, then those of the gates.
+    /// weight and bias of each linear layer from input to output, then those of the gates or encoders.
     pub fn layers(&self) -> Vec<Layer> {
         let width = self.width;
         let linear = (0..=self.hidden_layers).map(|k| {
@@ -64,9 +65,11 @@ impl Architecture {
             (format!("linear.{k}"), rows, columns)
         });
         let gates = (0..self.gates()).map(|k| (format!("gate.{k}"), width, width));
+        let encoders = (0..self.encoders()).map(|k| (format!("encoder.{k}"), width, 3));
         let mut start = 0;
         linear
             .chain(gates)
+            .chain(encoders)
             .map(|(name, rows, columns)| {
                 let weight = start..start + rows * columns;
                 let bias = weight.end..weight.end + rows;
@@ -97,6 +100,14 @@ impl Architecture {
         }
     }
 
+    /// Number of encoders of the point: two, where there is a layer to blend them.
+    fn encoders(&self) -> usize {
+        match self.scheme {
+            Scheme::Gated if self.hidden_layers > 1 => 2,
+            _ => 0,
+        }
+    }
+
     /// Length of the parameter vector.
     pub fn parameter_count(&self) -> usize {
         self.layers().last().map_or(0, |layer| layer.bias.end)
@@ -107,7 +118,8 @@ impl Architecture {
         match self.scheme {
             Scheme::Plain => false,
             // The first layer changes the dimension, so there is nothing of its length to carry.
-            Scheme::Resnet | Scheme::Highway => h >= 2,
+            // The first layer of `gated` is what the encoders are: it has nothing to choose yet.
+            Scheme::Resnet | Scheme::Highway | Scheme::Gated => h >= 2,
             Scheme::Hw | Scheme::Sqrhw => (h - 1).is_multiple_of(self.residual_every),
         }
     }

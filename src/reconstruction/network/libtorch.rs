@@ -167,7 +167,7 @@ fn points_tensor<T: Scalar>(points: &[Vec3]) -> Result<Tensor, TchError> {
 #[derive(Debug)]
 struct Network<'a> {
     architecture: &'a Architecture,
-    /// Weight (rows × columns) and bias (rows) of the linear layers, then of the gates.
+    /// Weight (rows × columns) and bias (rows) of the linear layers, then of the gates or encoders.
     layers: Vec<(Tensor, Tensor)>,
 }
 
@@ -201,6 +201,7 @@ impl<'a> Network<'a> {
     /// Outputs of the last hidden layer at points [n, 3], as [n, width].
     fn hidden(&self, points: &Tensor) -> Result<Tensor, TchError> {
         let hidden_layers = self.architecture.hidden_layers;
+        let encoders = self.encoders(points)?;
         let mut a = points.shallow_clone();
         for h in 1..=hidden_layers {
             let z = self.affine(h - 1, &a)?;
@@ -220,9 +221,23 @@ impl<'a> Network<'a> {
                 }
                 Scheme::Hw => tanh.f_add(&z)?,
                 Scheme::Sqrhw => tanh.f_addcmul(&z, &z)?,
+                Scheme::Gated => match &encoders {
+                    Some([u, v]) => u.f_lerp_tensor(v, &tanh)?,
+                    None => tanh,
+                },
             };
         }
         Ok(a)
+    }
+
+    /// u and v of `gated` at points [n, 3], where it has them: its last two layers.
+    fn encoders(&self, points: &Tensor) -> Result<Option<[Tensor; 2]>, TchError> {
+        let first = self.architecture.hidden_layers + 1;
+        if self.architecture.scheme != Scheme::Gated || self.layers.len() == first {
+            return Ok(None);
+        }
+        let encoder = |k: usize| self.affine(first + k, points)?.f_tanh();
+        Ok(Some([encoder(0)?, encoder(1)?]))
     }
 
     fn affine(&self, layer: usize, a: &Tensor) -> Result<Tensor, TchError> {

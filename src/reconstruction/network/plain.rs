@@ -38,15 +38,20 @@ impl PlainNetwork {
     fn block<const LANES: usize>(&self, points: &[Vec3]) -> Activations<LANES> {
         let hidden_layers = self.architecture.hidden_layers;
         let mut a = Activations::of(points);
+        let encoders = self.encoders(&a);
         for h in 1..=hidden_layers {
             let z = self.affine(h - 1, &a);
             let residual = self.architecture.carries_residual(h);
-            a = match self.architecture.scheme {
-                Scheme::Resnet if residual => combine([&z, &a, &z], |[z, a, _]| {
+            a = match (self.architecture.scheme, &encoders) {
+                (Scheme::Gated, Some([u, v])) if residual => combine([&z, u, v], |[z, u, v]| {
+                    let t = z.tanh();
+                    (u + t * (v - u), [(1.0 - t * t) * (v - u), 1.0 - t, t])
+                }),
+                (Scheme::Resnet, _) if residual => combine([&z, &a, &z], |[z, a, _]| {
                     let t = z.tanh();
                     (t + a, [1.0 - t * t, 1.0, 0.0])
                 }),
-                Scheme::Highway if residual => {
+                (Scheme::Highway, _) if residual => {
                     // Gate k stands on hidden layer k + 2, behind the linear layers and the output.
                     let gate = self.affine(hidden_layers + h - 1, &a);
                     combine([&z, &a, &gate], |[z, a, q]| {
@@ -55,21 +60,28 @@ impl PlainNetwork {
                         (a + g * (t - a), slopes)
                     })
                 }
-                Scheme::Hw if residual => combine([&z, &z, &z], |[z, ..]| {
+                (Scheme::Hw, _) if residual => combine([&z, &z, &z], |[z, ..]| {
                     let t = z.tanh();
                     (t + z, [2.0 - t * t, 0.0, 0.0])
                 }),
-                Scheme::Sqrhw if residual => combine([&z, &z, &z], |[z, ..]| {
+                (Scheme::Sqrhw, _) if residual => combine([&z, &z, &z], |[z, ..]| {
                     let t = z.tanh();
                     (t + z * z, [1.0 - t * t + 2.0 * z, 0.0, 0.0])
                 }),
-                _ => combine([&z, &z, &z], |[z, ..]| {
-                    let t = z.tanh();
-                    (t, [1.0 - t * t, 0.0, 0.0])
-                }),
+                _ => tanh(&z),
             };
         }
         self.affine(hidden_layers, &a)
+    }
+
+    /// u and v of `gated`, where it has them: its last two layers.
+    fn encoders<const LANES: usize>(
+        &self,
+        points: &Activations<LANES>,
+    ) -> Option<[Activations<LANES>; 2]> {
+        let first = self.architecture.hidden_layers + 1;
+        let has_them = self.architecture.scheme == Scheme::Gated && self.layers.len() > first;
+        has_them.then(|| [0, 1].map(|k| tanh(&self.affine(first + k, points))))
     }
 
     /// W a + b; derivatives are mapped by W alone.
@@ -151,6 +163,13 @@ impl<const LANES: usize> Activations<LANES> {
     }
 }
 
+fn tanh<const LANES: usize>(z: &Activations<LANES>) -> Activations<LANES> {
+    combine([z, z, z], |[z, ..]| {
+        let t = z.tanh();
+        (t, [1.0 - t * t, 0.0, 0.0])
+    })
+}
+
 /// Applies `unit`, which gives a value and its slopes by its three inputs, to each neuron.
 fn combine<const LANES: usize>(
     inputs: [&Activations<LANES>; 3],
@@ -195,6 +214,7 @@ mod tests {
             Scheme::Highway,
             Scheme::Hw,
             Scheme::Sqrhw,
+            Scheme::Gated,
         ] {
             let architecture = Architecture {
                 scheme,

@@ -73,7 +73,7 @@ const fn choice(pointer: &'static str, names: &'static [&'static str]) -> Choice
 pub const CHOICES: &[Choice] = &[
     choice(
         "/network/scheme",
-        &["plain", "resnet", "highway", "hw", "sqrhw"],
+        &["plain", "resnet", "highway", "hw", "sqrhw", "gated"],
     ),
     choice("/network/precision", &["f32", "f64"]),
     choice("/training/engine", &["auto", "fused", "libtorch"]),

@@ -49,6 +49,9 @@ pub enum Scheme {
     Hw,
     /// tanh z + z∘z, on every `residual_every`-th hidden layer.
     Sqrhw,
+    /// (1-tanh z)∘u + tanh z∘v with two encoders u and v, each tanh of an affine map of the point, from the
+    /// second hidden layer (Wang, Teng, Perdikaris, arXiv:2001.04536).
+    Gated,
 }
 
 /// Floating-point type of parameters and samples in training.
@@ -111,7 +114,7 @@ pub enum Engine {
     /// The fastest that supports the settings: `fused`, else `libtorch`.
     Auto,
     /// One pass over cache-sized tiles of points with SIMD, several times as fast: f32, every scheme
-    /// but `highway`.
+    /// but `highway` and `gated`.
     Fused,
     /// libtorch's automatic differentiation: the reference.
     Libtorch,

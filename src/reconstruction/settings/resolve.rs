@@ -7,8 +7,7 @@ use super::{BOUNDS, Error, Preset, Settings, Training, Violation};
 use crate::nearest::did_you_mean;
 
 /// What is wrong with asking for the fused engine where there is none.
-pub(in crate::reconstruction) const NO_FUSED_ENGINE: &str =
-    "is fused, which has neither precision f64 nor scheme highway; choose auto or libtorch";
+pub(in crate::reconstruction) const NO_FUSED_ENGINE: &str = "is fused, which has neither precision f64 nor the schemes highway and gated; choose auto or libtorch";
 
 impl Settings {
     /// Lays `given`, a JSON object of what differs, over the settings of `preset`.
@@ -82,7 +81,10 @@ impl Settings {
         }
         if self.training.engine == super::Engine::Fused
             && (self.network.precision == super::Precision::F64
-                || self.network.scheme == super::Scheme::Highway)
+                || matches!(
+                    self.network.scheme,
+                    super::Scheme::Highway | super::Scheme::Gated
+                ))
         {
             conflict("/training/engine", NO_FUSED_ENGINE);
         }

@@ -65,7 +65,7 @@ pub struct Fused {
 }
 
 impl Fused {
-    /// Whether there is this engine for the architecture: for every scheme but `highway`.
+    /// Whether there is this engine for the architecture: for every scheme but `highway` and `gated`.
     pub fn supports(architecture: &Architecture) -> bool {
         rules(architecture).is_some()
     }

@@ -35,7 +35,7 @@ pub(super) fn rules(architecture: &Architecture) -> Option<Vec<Rule>> {
             Scheme::Resnet => Some(Rule::Resnet),
             Scheme::Hw => Some(Rule::Hw),
             Scheme::Sqrhw => Some(Rule::Sqrhw),
-            Scheme::Highway => None,
+            Scheme::Highway | Scheme::Gated => None,
         }
     };
     (1..=architecture.hidden_layers).map(rule).collect()
