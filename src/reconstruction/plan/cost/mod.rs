@@ -81,8 +81,8 @@ const SECONDS_AROUND: f64 = 0.3;
 const BASE_BYTES: u64 = 130 << 20;
 
 /// Memory for each triangle while the mesh is measured, and for each point of the cloud.
-const BYTES_PER_TRIANGLE: f64 = 620.0;
-const BYTES_PER_POINT: u64 = 750;
+const BYTES_PER_TRIANGLE: f64 = 400.0;
+const BYTES_PER_POINT: u64 = 600;
 
 /// Numbers that libtorch keeps for each neuron and sample, on the way forwards and back.
 const LIBTORCH_NUMBERS: u64 = 5;
