@@ -87,7 +87,7 @@ impl Asked {
     }
 }
 
-/// The members of an object as they are written: a document of [`Value`]s would take some 20 times
+/// The members of an object as they are written: a document of `serde_json` values would take some 20 times
 /// the memory of its text.
 struct Object<'b>(BTreeMap<String, &'b RawValue>);
 

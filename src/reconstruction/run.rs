@@ -33,7 +33,7 @@ pub struct Reconstruction {
 /// no error: the report says why it ended.
 ///
 /// # Determinism
-/// The same cloud, settings and number of threads ([`set_threads`]) give the same mesh, bit for
+/// The same cloud, settings and number of threads ([`set_threads`](super::threads::set_threads)) give the same mesh, bit for
 /// bit, unless a time limit ends the training.
 pub fn reconstruct(
     cloud: &PointCloud,
