@@ -106,7 +106,8 @@ async fn a_full_disk_refuses_new_work_corrupts_nothing_and_passes() {
     assert_eq!(refused.status, 507, "{}", refused.json());
     // What is asked for by the 507 can be done.
     let line = format!("DELETE /v1/jobs/{ended}");
-    let erased = connection.ask(&line, "", &[]).await.unwrap();
+    let erased = connection.ask(&line, "", &[]).await;
+    let erased = erased.unwrap_or_else(|error| panic!("{error}: {}", server.log()));
     assert_eq!(erased.status, 204, "{}", server.log());
 
     fs::remove_file(second).unwrap();

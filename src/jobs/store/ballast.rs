@@ -28,16 +28,23 @@ impl Ballast {
         ballast
     }
 
-    /// Sets the room aside where there is any.
+    /// Sets the room aside where as much is left besides: what has just come free on a full disk is for others, and
+    /// SQLite dies where a page of its index of the log finds no room.
     pub(super) fn fill(&self) {
         let there = fs::metadata(&self.path).is_ok_and(|file| file.len() >= self.bytes);
-        if self.bytes == 0 || there {
+        if self.bytes == 0 || there || !self.has_room() {
             return;
         }
         if let Err(error) = self.write() {
             tracing::warn!(error.message = %error, "no room can be set aside for erasing");
             self.release();
         }
+    }
+
+    fn has_room(&self) -> bool {
+        let folder = self.path.parent().unwrap_or(Path::new("."));
+        rustix::fs::statvfs(folder)
+            .is_ok_and(|disk| disk.f_bavail * disk.f_frsize >= 2 * self.bytes)
     }
 
     /// Gives the room away; whether there was any.
