@@ -8,15 +8,9 @@ set -euo pipefail
 version=0.29.1
 root=$(cd "$(dirname "$0")/.." && pwd)
 program=${MESHWAY:-$root/target/release/meshway}
-tools=$root/target/openapi-python-client-$version
+package=openapi-python-client
 
 fail() { echo "client: $*" >&2; exit 1; }
-
-[ -x "$program" ] || fail "$program is missing; make build, or set MESHWAY"
-if [ ! -x "$tools/bin/openapi-python-client" ]; then
-  python3 -m venv "$tools" || fail "no Python environment (Debian: apt-get install python3-venv)"
-  "$tools/bin/pip" install --quiet --disable-pip-version-check "openapi-python-client==$version"
-fi
 
 . "$root/scripts/served.sh"
 

@@ -10,15 +10,9 @@ version=4.32.5
 root=$(cd "$(dirname "$0")/.." && pwd)
 program=${MESHWAY:-$root/target/release/meshway}
 examples=${EXAMPLES:-20}
-tools=$root/target/schemathesis-$version
+package=schemathesis
 
 fail() { echo "contract: $*" >&2; exit 1; }
-
-[ -x "$program" ] || fail "$program is missing; make build, or set MESHWAY"
-if [ ! -x "$tools/bin/schemathesis" ]; then
-  python3 -m venv "$tools" || fail "no Python environment (Debian: apt-get install python3-venv)"
-  "$tools/bin/pip" install --quiet --disable-pip-version-check "schemathesis==$version"
-fi
 
 . "$root/scripts/served.sh"
 

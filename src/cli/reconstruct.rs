@@ -82,7 +82,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let mut first = Ok(());
         for (path, sinks) in &runs {
             let result = run_with(arguments, &settings, path, sinks);
-            // The others are worked on all the same; the last failure is printed by the caller.
+            // The others are worked on all the same; the first failure is printed by the caller, the others here.
             match (&first, result) {
                 (Ok(()), result) => first = result,
                 (Err(_), Err(failure)) => failure.print(),

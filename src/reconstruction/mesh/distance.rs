@@ -51,15 +51,17 @@ impl SurfaceTree {
             .filter(|&t| mesh.triangle_area(t) > 0.0)
             .map(|t| t as u32)
             .collect();
-        let corners = || triangles.iter().map(|&t| mesh.triangles[t as usize]);
-        let mut used: Vec<u32> = corners().flatten().collect();
-        used.sort_unstable();
-        used.dedup();
-        let place = |v: u32| used.binary_search(&v).map_or(0, |place| place as u32);
-        let indices = corners().map(|corners| corners.map(place)).collect();
-        let positions = used
+        let mut places = vec![None; mesh.vertices.len()];
+        let mut positions = Vec::new();
+        let mut place = |v: u32| {
+            *places[v as usize].get_or_insert_with(|| {
+                positions.push(Vector::from(sub(mesh.vertices[v as usize], origin)));
+                positions.len() as u32 - 1
+            })
+        };
+        let indices = triangles
             .iter()
-            .map(|&v| Vector::from(sub(mesh.vertices[v as usize], origin)))
+            .map(|&t| mesh.triangles[t as usize].map(&mut place))
             .collect();
         let shape = TriMesh::new(positions, indices).ok()?;
         Some(Self {

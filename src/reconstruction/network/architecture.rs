@@ -101,7 +101,7 @@ impl Architecture {
     }
 
     /// Number of encoders of the point: two, where there is a layer to blend them.
-    fn encoders(&self) -> usize {
+    pub(super) fn encoders(&self) -> usize {
         match self.scheme {
             Scheme::Gated if self.hidden_layers > 1 => 2,
             _ => 0,

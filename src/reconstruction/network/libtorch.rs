@@ -232,10 +232,10 @@ impl<'a> Network<'a> {
 
     /// u and v of `gated` at points [n, 3], where it has them: its last two layers.
     fn encoders(&self, points: &Tensor) -> Result<Option<[Tensor; 2]>, TchError> {
-        let first = self.architecture.hidden_layers + 1;
-        if self.architecture.scheme != Scheme::Gated || self.layers.len() == first {
+        if self.architecture.encoders() == 0 {
             return Ok(None);
         }
+        let first = self.architecture.hidden_layers + 1;
         let encoder = |k: usize| self.affine(first + k, points)?.f_tanh();
         Ok(Some([encoder(0)?, encoder(1)?]))
     }

@@ -80,8 +80,8 @@ impl PlainNetwork {
         points: &Activations<LANES>,
     ) -> Option<[Activations<LANES>; 2]> {
         let first = self.architecture.hidden_layers + 1;
-        let has_them = self.architecture.scheme == Scheme::Gated && self.layers.len() > first;
-        has_them.then(|| [0, 1].map(|k| tanh(&self.affine(first + k, points))))
+        let encoder = |k| tanh(&self.affine(first + k, points));
+        (self.architecture.encoders() > 0).then(|| [0, 1].map(encoder))
     }
 
     /// W a + b; derivatives are mapped by W alone.

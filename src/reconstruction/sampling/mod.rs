@@ -33,6 +33,7 @@ use super::vector::Vec3;
 
 pub use frame::Frame;
 pub use normals::NormalSource;
+pub(super) use orientation::MANY;
 pub use prepare::prepare;
 pub(super) use prepare::{Scan, held_out_share, scan};
 pub(super) use solid::boundary;

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::{BlockPlan, Findings, Plan};
 use crate::reconstruction::cloud::Counts;
 use crate::reconstruction::network::{Architecture, TILE_POINTS};
+use crate::reconstruction::sampling::MANY;
 use crate::reconstruction::settings::{
     Engine, Evaluation, Optimizer, OutputLayer, Precision, Settings,
 };
@@ -50,10 +51,8 @@ const USUAL_ROUNDS: f64 = 1.3;
 /// the reach of two blocks (measured on 30,000 and 100,000 points).
 const BLOCK_SAMPLES_PER_POINT: f64 = 4.5;
 
-/// Points up to which normals and sides are worked out one by one.
-const ORIENTED_POINTS: usize = 20_000;
-
-/// Seconds for each of them, and for each of the others, whose normals follow those of an even subset.
+/// Seconds for each point whose side is worked out one by one, and for each of the others, whose normals follow those
+/// of an even subset.
 const SECONDS_PER_ORIENTED_POINT: f64 = 1.5e-4;
 const SECONDS_PER_FURTHER_POINT: f64 = 2.8e-5;
 
@@ -190,7 +189,7 @@ impl Plan<'_> {
     /// network to leave: blocks are as likely as the share of the points that it is not fitted to.
     fn usual_seconds(&self) -> f64 {
         let points = self.findings.points;
-        let oriented = points.min(ORIENTED_POINTS);
+        let oriented = points.min(MANY);
         let sampling = SECONDS_PER_ORIENTED_POINT * oriented as f64
             + SECONDS_PER_FURTHER_POINT * (points - oriented) as f64;
         let one = self.whole_seconds(self.training.max_evaluations) + self.mesh_seconds(None);

@@ -23,7 +23,7 @@ pub(super) use spanning::points_inwards;
 const MOST_PAIRED: usize = 5_000;
 
 /// Most points on which sides and the sizes of fits are worked out; those of larger clouds follow an even subset.
-const MANY: usize = 20_000;
+pub(in crate::reconstruction) const MANY: usize = 20_000;
 
 /// Contradiction of the sides that follow a subset from which on all points are asked for theirs: parts so thin
 /// that the subset takes both faces for one have more.
