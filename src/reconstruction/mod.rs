@@ -30,6 +30,7 @@ pub mod report;
 pub mod sampling;
 pub mod settings;
 pub mod shapes;
+pub mod slices;
 pub mod surface;
 pub mod training;
 pub mod vector;
