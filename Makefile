@@ -22,7 +22,7 @@ setup:
 	@./scripts/setup.sh
 
 build: setup
-	cargo build --release --locked
+	cargo build --release --locked --bin meshway
 
 PREFIX ?= /usr/local
 

@@ -27,7 +27,7 @@ impl Server {
     pub(crate) async fn start(flags: &[&str]) -> Self {
         let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
         let log = folder.path().join("log");
-        let child = Command::new(env!("CARGO_BIN_EXE_meshway"))
+        let child = Command::new(env!("CARGO_BIN_EXE_meshway-scripted"))
             .args(["serve", "--listen=127.0.0.1:0", "--disk-reserve-mib=0"])
             .args(["--disk-reserve-percent=0", "--queue-limit=1000000"])
             .arg("--data-dir")

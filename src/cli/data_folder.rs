@@ -6,13 +6,13 @@
 //! of ours.
 
 use std::collections::BTreeSet;
-use std::fs::{self, DirBuilder, DirEntry, File, TryLockError};
+use std::fs::{self, DirEntry, File, TryLockError};
 use std::io::{self, ErrorKind};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
 use super::Failure;
-use crate::folder::{CACHE, CLOUDS, UPLOADS, names as own_files};
+use crate::folder::{self, CACHE, CLOUDS, UPLOADS, names as own_files};
 use crate::jobs::{Store, store};
 
 /// File that the server of the folder holds.
@@ -43,10 +43,7 @@ impl<'a> DataFolder<'a> {
     pub(super) async fn take(path: &'a Path) -> Result<Self, Failure> {
         let failed = |error| Failure::Output(format!("--data-dir {}: {error}", path.display()));
         check_ownership(path).await?;
-        // Clouds may be anybody's body: readable by the user of the service only.
-        let mut builder = DirBuilder::new();
-        builder.recursive(true).mode(0o700);
-        builder.create(path).map_err(failed)?;
+        folder::make(path).map_err(failed)?;
         // Before all others, so that a start that breaks off leaves a folder that is known.
         mark(path).map_err(failed)?;
         let lock = File::options()
@@ -65,9 +62,7 @@ impl<'a> DataFolder<'a> {
             }
             Err(TryLockError::Error(error)) => return Err(failed(error)),
         }
-        for folder in [CLOUDS, UPLOADS, CACHE] {
-            builder.create(path.join(folder)).map_err(failed)?;
-        }
+        folder::make_places(path).map_err(failed)?;
         Ok(Self { path, _lock: lock })
     }
 

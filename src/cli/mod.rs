@@ -18,8 +18,11 @@ mod worker;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use clap::{Parser, Subcommand};
+
+use crate::jobs::worker::Work;
 
 pub use error::Failure;
 
@@ -60,16 +63,30 @@ enum Command {
     Health(health::Arguments),
 }
 
+/// What the workers of a service do in place of reconstructing.
+#[derive(Clone)]
+pub struct Substitute {
+    /// Their work.
+    pub work: Arc<Work>,
+    /// The flag that says so to this program when it is started as a worker.
+    pub flag: OsString,
+}
+
 /// The program: reads the command line and does what it says.
 pub fn main() -> ExitCode {
     let line: Vec<OsString> = std::env::args_os().collect();
-    let cli = Cli::parse_from(&line);
+    main_with(&line, None)
+}
+
+/// The program with another command line than that of the process, and perhaps with other work.
+pub fn main_with(line: &[OsString], substitute: Option<&Substitute>) -> ExitCode {
+    let cli = Cli::parse_from(line);
     let cli = match &cli.command {
         Command::Serve(arguments) => arguments.with_file(line),
         _ => Ok(cli),
     };
     match cli {
-        Ok(cli) => run(cli),
+        Ok(cli) => run(cli, substitute),
         Err(failure) => {
             failure.print();
             failure.exit_code()
@@ -81,7 +98,7 @@ pub fn main() -> ExitCode {
 ///
 /// 0 done, 1 a check or an output failed, 2 usage or settings, 3 input, 4 reconstruction failed,
 /// 5 the mesh is likely wrong and `--strict` asks for it.
-fn run(cli: Cli) -> ExitCode {
+fn run(cli: Cli, substitute: Option<&Substitute>) -> ExitCode {
     let result = match cli.command {
         Command::Reconstruct(arguments) => reconstruct::run(&arguments),
         Command::Sample(arguments) => sample::run(&arguments),
@@ -91,8 +108,8 @@ fn run(cli: Cli) -> ExitCode {
         Command::Completions(arguments) => documents::completions(&arguments),
         Command::Man(arguments) => documents::man(&arguments),
         Command::Health(arguments) => health::run(&arguments),
-        Command::Serve(arguments) => serve::run(&arguments),
-        Command::Worker(arguments) => worker::run(&arguments),
+        Command::Serve(arguments) => serve::run(&arguments, substitute),
+        Command::Worker(arguments) => worker::run(&arguments, substitute),
         Command::Inspect(arguments) => inspect::run(&arguments),
     };
     match result {

@@ -11,10 +11,9 @@ use tokio_util::sync::CancellationToken;
 
 use super::data_folder::DataFolder;
 use super::files::Sink;
-use super::{Cli, Failure, logging};
+use super::{Cli, Failure, Substitute, logging};
 use crate::config::{Config, file_arguments};
 use crate::http::{self, App};
-use crate::jobs::worker::Script;
 use crate::jobs::{Store, Supervisor, store, supervisor};
 
 /// How long workers may take to give their jobs back at the end; then they are killed. With the ten
@@ -37,9 +36,6 @@ pub(super) struct Arguments {
     /// Print the settings as such a file, and end.
     #[arg(long)]
     print_config: bool,
-    /// What workers do in place of reconstructions, for tests and benchmarks.
-    #[arg(long, hide = true)]
-    script: Option<String>,
     /// How long a computation may take to stop before its worker ends itself.
     #[arg(long, hide = true, default_value_t = 10_000)]
     grace_milliseconds: u32,
@@ -47,7 +43,7 @@ pub(super) struct Arguments {
 
 impl Arguments {
     /// The command line again, with the settings of `--config` before the flags that override them.
-    pub(super) fn with_file(&self, line: Vec<OsString>) -> Result<Cli, Failure> {
+    pub(super) fn with_file(&self, line: &[OsString]) -> Result<Cli, Failure> {
         let Some(path) = &self.file else {
             return parse(line);
         };
@@ -59,16 +55,16 @@ impl Arguments {
             .map_err(|error| Failure::Usage(format!("--config {}: {error}", path.display())))?;
         // The program and its subcommand come first.
         let (head, flags) = line.split_at(line.len().min(2));
-        parse([head, &settings, flags].concat())
+        parse(&[head, &settings, flags].concat())
     }
 }
 
-fn parse(line: Vec<OsString>) -> Result<Cli, Failure> {
+fn parse(line: &[OsString]) -> Result<Cli, Failure> {
     let matches = Cli::command().get_matches_from(line);
     Cli::from_arg_matches(&matches).map_err(|error| Failure::Usage(error.to_string()))
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Result<(), Failure> {
     let config = &arguments.config;
     if arguments.print_config {
         let text = config
@@ -77,23 +73,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Sink::new(Path::new("-"))?.write(|out| out.write_all(text.as_bytes()));
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut problems = config.problems(cores);
-    if let Some(Err(error)) = arguments.script.as_deref().map(str::parse::<Script>) {
-        problems.push(format!("--script: {error}"));
-    }
+    let problems = config.problems(cores);
     if !problems.is_empty() {
         return Err(Failure::Usage(problems.join("\n")));
     }
     logging::start(config.log_format, &config.log)?;
     let runtime = tokio::runtime::Runtime::new()
         .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
-    let result = runtime.block_on(serve(arguments, cores));
+    let result = runtime.block_on(serve(arguments, cores, substitute));
     // What still runs after the drain is not waited for.
     runtime.shutdown_background();
     result
 }
 
-async fn serve(arguments: &Arguments, cores: usize) -> Result<(), Failure> {
+async fn serve(
+    arguments: &Arguments,
+    cores: usize,
+    substitute: Option<&Substitute>,
+) -> Result<(), Failure> {
     let config = &arguments.config;
     let folder = DataFolder::take(&config.data_dir).await?;
     let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
@@ -122,7 +119,7 @@ async fn serve(arguments: &Arguments, cores: usize) -> Result<(), Failure> {
     let shutdown = CancellationToken::new();
     let options = supervisor::Options {
         program: program.clone(),
-        arguments: worker_arguments(arguments, cores),
+        arguments: worker_arguments(arguments, cores, substitute),
         workers: config.workers,
         memory_limit_bytes: config.worker_memory_bytes(),
         drain: DRAIN,
@@ -161,7 +158,11 @@ async fn serve(arguments: &Arguments, cores: usize) -> Result<(), Failure> {
     Ok(())
 }
 
-fn worker_arguments(arguments: &Arguments, cores: usize) -> Vec<OsString> {
+fn worker_arguments(
+    arguments: &Arguments,
+    cores: usize,
+    substitute: Option<&Substitute>,
+) -> Vec<OsString> {
     let config = &arguments.config;
     let number = |name: &str, value: u64| OsString::from(format!("--{name}={value}"));
     let format = match config.log_format {
@@ -184,12 +185,7 @@ fn worker_arguments(arguments: &Arguments, cores: usize) -> Vec<OsString> {
         format!("--log-format={format}").into(),
         format!("--log={}", config.log).into(),
     ];
-    line.extend(
-        arguments
-            .script
-            .iter()
-            .map(|script| format!("--script={script}").into()),
-    );
+    line.extend(substitute.map(|substitute| substitute.flag.clone()));
     line
 }
 

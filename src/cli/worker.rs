@@ -13,11 +13,9 @@ use tokio::time::MissedTickBehavior;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
-use super::{Failure, logging};
+use super::{Failure, Substitute, logging};
 use crate::config::LogFormat;
-use crate::jobs::worker::{
-    End, Options, SIGN_OF_LIFE, Script, Signals, Work, reconstruction, worker_name,
-};
+use crate::jobs::worker::{End, Options, SIGN_OF_LIFE, Signals, Work, reconstruction, worker_name};
 use crate::jobs::{JobId, Store, Worker, store};
 use crate::reconstruction::set_threads;
 
@@ -54,9 +52,6 @@ pub(super) struct Arguments {
     /// How long a computation may take to stop.
     #[arg(long)]
     grace_milliseconds: u32,
-    /// What to do with a job in place of a reconstruction.
-    #[arg(long)]
-    script: Option<Script>,
     /// Format of the log.
     #[arg(long, value_enum)]
     log_format: LogFormat,
@@ -65,13 +60,13 @@ pub(super) struct Arguments {
     log: String,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Result<(), Failure> {
     logging::start(arguments.log_format, &arguments.log)?;
     if let Err(error) = nice(NICENESS) {
         tracing::warn!(error.message = %error, "the worker runs at the server's priority");
     }
-    let work: Arc<Work> = if let Some(script) = arguments.script.clone() {
-        Arc::new(move |assignment, observer| script.run(assignment, observer))
+    let work: Arc<Work> = if let Some(substitute) = substitute {
+        Arc::clone(&substitute.work)
     } else {
         set_threads(arguments.threads).map_err(|error| Failure::Usage(error.to_string()))?;
         Arc::new(reconstruction)

@@ -7,7 +7,7 @@ use tokio::sync::{RwLock, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 
 use crate::config::Config;
-use crate::folder::{CACHE, CLOUDS, Disk, UPLOADS};
+use crate::folder::{CACHE, Disk};
 use crate::http::resources::events::feed::Feed;
 use crate::http::resources::meshes::cache::MeshCache;
 use crate::http::telemetry::Telemetry;
@@ -109,16 +109,5 @@ impl App {
             return Err(ApiError::new(Code::Draining, detail).retry_after(10));
         }
         Ok(self.disk.check(0)?)
-    }
-
-    /// Makes the folders of the data folder; to be called before the first upload.
-    ///
-    /// # Errors
-    /// When a folder cannot be made.
-    pub fn make_folders(config: &Config) -> std::io::Result<()> {
-        for folder in [CLOUDS, UPLOADS, CACHE] {
-            std::fs::create_dir_all(config.data_dir.join(folder))?;
-        }
-        Ok(())
     }
 }

@@ -71,14 +71,6 @@ impl Error {
         }
     }
 
-    /// Whether the same request can succeed later.
-    pub fn retryable(&self) -> bool {
-        matches!(
-            self,
-            Self::Busy | Self::Full(_) | Self::QueueFull { .. } | Self::Closed
-        )
-    }
-
     /// A column that cannot be read, for `map_err`.
     pub(super) fn inconsistent<E: ToString>(
         table: &'static str,

@@ -195,7 +195,7 @@ impl Lookup {
 pub struct Tombstone {
     /// When it was erased, in milliseconds since the epoch.
     pub deleted_at: i64,
-    /// Why: `deleted` by a client, or `expired`.
+    /// Why: `deleted`, by a client.
     pub reason: String,
 }
 

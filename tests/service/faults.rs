@@ -219,7 +219,7 @@ async fn a_job_that_its_user_erased_is_no_loss() {
     let server = folder.serve(&["--script=sleep:60"]).await;
     let id = folder.submit(json!({})).await;
     folder.running(&id).await;
-    folder.store.delete_job(&id, "deleted").await.unwrap();
+    folder.store.delete_job(&id).await.unwrap();
     until("the worker hears of it", PATIENCE, async || {
         server.log().contains("the job was erased").then_some(())
     })

@@ -25,6 +25,8 @@ const LOOK: Duration = Duration::from_millis(20);
 
 /// The program under test.
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_meshway");
+/// The same with workers that do as a script says.
+pub(crate) const SCRIPTED: &str = env!("CARGO_BIN_EXE_meshway-scripted");
 
 /// The folder of a service with one cloud in it.
 pub(crate) struct Folder {
@@ -176,7 +178,8 @@ pub(crate) struct Server {
 impl Server {
     /// Starts a server in a folder, with its log elsewhere, and waits until it listens.
     pub(crate) async fn start(folder: &Path, log: PathBuf, flags: &[&str]) -> Self {
-        let child = Command::new(PROGRAM)
+        let scripted = flags.iter().any(|flag| flag.starts_with("--script="));
+        let child = Command::new(if scripted { SCRIPTED } else { PROGRAM })
             .args(["serve", "--listen=127.0.0.1:0", "--disk-reserve-mib=0"])
             .args(["--disk-reserve-percent=0", "--data-dir"])
             .arg(folder)

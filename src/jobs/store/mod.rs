@@ -1,61 +1,53 @@
 //! The one place with SQL: clouds, jobs, leases, events, metrics, meshes, kept answers.
 //!
 //! A [`Store`] is one process's hold on the database `meshway.db` of a data folder: one connection
-//! that writes, in a task of its own (see `writer.rs`), and four that read. Readers hold no
-//! transaction from one call to the next, so the write-ahead log can always be checkpointed. Beside
-//! it, `content.db` has the bytes of meshes, models and checkpoints (`objects.rs`), which rows name
-//! (`graves.rs`). Both give the space of what was erased back to the file system.
+//! that writes, in a task of its own, and four that read. Readers hold no transaction from one call
+//! to the next, so the write-ahead log can always be checkpointed. Beside it, `content.db` has the
+//! bytes of meshes, models and checkpoints. Both databases give the space of erased rows back to the
+//! file system.
 //!
-//! The migrations run inside one IMMEDIATE transaction, so that processes that open a new folder at
-//! the same moment do not both create the tables.
+//! - `sqlite`: how the databases are opened, migrated, written and cleaned;
+//! - `content`: large content, and the rule that keeps rows and bytes together;
+//! - `records`: the rows, one file a noun.
+//!
+//! # Errors
+//!
+//! Every method that writes can fail with `Busy`, `Full`, `Closed`, `Inconsistent` or `Database`;
+//! every method that reads with `Busy`, `Closed`, `Inconsistent` or `Database`. Their own
+//! documentation names other errors only.
+#![expect(
+    clippy::missing_errors_doc,
+    reason = "what all methods have in common is said once, above"
+)]
 
-mod attempts;
-mod ballast;
-mod checkpoints;
-mod clouds;
-mod events;
-mod graves;
-mod idempotency;
-mod jobs;
-mod leases;
-mod lift;
-mod meshes;
-mod metrics;
-mod objects;
-mod origin;
-mod outcome;
-mod row;
-mod shredder;
-mod tombstones;
-mod writer;
+mod content;
+mod records;
+mod sqlite;
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use futures_util::future::BoxFuture;
-use sqlx::migrate::{Migration, MigrationType, Migrator};
-use sqlx::sqlite::{
-    SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
-    SqliteSynchronous,
-};
-use sqlx::{ConnectOptions, SqlSafeStr, SqliteConnection};
+use sqlx::sqlite::{SqlitePool, SqlitePoolOptions};
 use tokio::sync::{Mutex, watch};
 
-pub use checkpoints::Checkpoint;
-pub use events::Event;
-pub use idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};
-pub use meshes::MeshInfo;
-pub use objects::CHUNK_BYTES;
-pub use origin::is_ours;
+pub use content::objects::CHUNK_BYTES;
+pub use records::checkpoints::Checkpoint;
+pub use records::events::Event;
+pub use records::idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};
+pub use records::meshes::MeshInfo;
+pub use sqlite::origin::is_ours;
 
 use super::clock::{self, Clock};
 use super::{Error, Result};
-use ballast::Ballast;
-use graves::{Burial, Undertaker};
-use objects::Objects;
-use shredder::Shredder;
-use writer::{Transaction, Writer};
+use content::ballast::Ballast;
+use content::graves::{Burial, Undertaker};
+use content::lift;
+use content::objects::Objects;
+use sqlite::shredder::Shredder;
+use sqlite::writer::{Transaction, Writer};
+use sqlite::{MIGRATIONS, OPENING, connect_options, migrated, writing};
 
 /// File of the database in the data folder.
 pub const DATABASE_FILE: &str = "meshway.db";
@@ -65,9 +57,6 @@ pub const CONTENT_FILE: &str = "content.db";
 
 /// Connections that read: a read takes well under a millisecond, so four serve thousands a second.
 const READERS: u32 = 4;
-
-/// The write-ahead log is cut to this size after a checkpoint.
-const LOG_LIMIT_BYTES: &str = "8388608";
 
 /// What the store is told.
 #[derive(Clone)]
@@ -114,12 +103,6 @@ type Work<T> = Box<dyn for<'c> FnOnce(Transaction<'c>) -> BoxFuture<'c, Result<T
 pub struct Store {
     inner: Arc<Inner>,
 }
-
-/// Busy timeouts that opening waits while other processes open the same database.
-const OPENING: u32 = 4;
-
-/// Pause between two tries of that.
-const PAUSE: Duration = Duration::from_millis(20);
 
 struct Inner {
     writer: Arc<Writer>,
@@ -237,101 +220,4 @@ impl Store {
     fn readers(&self) -> &SqlitePool {
         &self.inner.readers
     }
-}
-
-/// How a database is opened.
-fn connect_options(file: &Path, options: &Options) -> SqliteConnectOptions {
-    SqliteConnectOptions::new()
-        .filename(file)
-        .foreign_keys(true)
-        .busy_timeout(options.busy_timeout)
-        .disable_statement_logging()
-}
-
-/// How it is opened to be written.
-fn writing(connect: &SqliteConnectOptions) -> SqliteConnectOptions {
-    connect
-        .clone()
-        .create_if_missing(true)
-        .auto_vacuum(SqliteAutoVacuum::Incremental)
-        .journal_mode(SqliteJournalMode::Wal)
-        .synchronous(SqliteSynchronous::Full)
-        .pragma("journal_size_limit", LOG_LIMIT_BYTES)
-        // What a user erases is overwritten: meshes of patients do not stay in free pages.
-        .pragma("secure_delete", "ON")
-}
-
-/// Names and texts of the migrations, in their order.
-type Migrations = [(&'static str, &'static str)];
-
-const MIGRATIONS: [(&str, &str); 7] = [
-    ("init", include_str!("../../../migrations/0001_init.sql")),
-    (
-        "erased_clouds",
-        include_str!("../../../migrations/0002_erased_clouds.sql"),
-    ),
-    (
-        "answers_about_clouds",
-        include_str!("../../../migrations/0003_answers_about_clouds.sql"),
-    ),
-    (
-        "jobs_by_verdict",
-        include_str!("../../../migrations/0004_jobs_by_verdict.sql"),
-    ),
-    (
-        "metrics_of_blocks",
-        include_str!("../../../migrations/0005_metrics_of_blocks.sql"),
-    ),
-    ("work", include_str!("../../../migrations/0006_work.sql")),
-    (
-        "objects",
-        include_str!("../../../migrations/0007_objects.sql"),
-    ),
-];
-
-/// A connection to the database, migrated. SQLite refuses to change the journal of a new database while another
-/// process does so, without waiting; and migrations of several processes take their time one after the other.
-async fn migrated(
-    options: &SqliteConnectOptions,
-    migrations: &Migrations,
-    patience: Duration,
-) -> Result<SqliteConnection> {
-    let once = async || -> Result<SqliteConnection> {
-        let mut db = options.connect().await?;
-        migrate(&mut db, migrations).await?;
-        Ok(db)
-    };
-    let start = Instant::now();
-    loop {
-        match once().await {
-            Err(Error::Busy) if start.elapsed() < patience => tokio::time::sleep(PAUSE).await,
-            result => return result,
-        }
-    }
-}
-
-async fn migrate(db: &mut SqliteConnection, migrations: &Migrations) -> Result<()> {
-    let migrator = Migrator::with_migrations(
-        (1..)
-            .zip(migrations)
-            .map(|(version, &(name, sql))| {
-                // No transaction of its own: it runs inside the one below.
-                let own_transaction = true;
-                Migration::new(
-                    version,
-                    name.into(),
-                    MigrationType::Simple,
-                    sql.into_sql_str(),
-                    own_transaction,
-                )
-            })
-            .collect(),
-    );
-    sqlx::query("BEGIN IMMEDIATE").execute(&mut *db).await?;
-    if let Err(error) = migrator.run_direct(None, db, false).await {
-        sqlx::query("ROLLBACK").execute(&mut *db).await?;
-        return Err(error.into());
-    }
-    sqlx::query("COMMIT").execute(db).await?;
-    Ok(())
 }

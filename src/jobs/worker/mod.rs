@@ -9,7 +9,6 @@ mod attempt;
 mod control;
 mod lease;
 mod progress;
-mod script;
 mod sink;
 mod work;
 
@@ -24,7 +23,6 @@ use super::{JobId, Result, Store};
 use attempt::Attempt;
 
 pub use lease::LEASE_MS;
-pub use script::{InvalidScript, Script};
 pub use work::{Assignment, Failure, Product, Work, reconstruction};
 
 /// Pause between two looks at an empty queue; what a lost wake-up costs.

@@ -116,7 +116,7 @@ impl Service {
         all.retain(|flag| !replaced.contains(&flag.split('=').next().unwrap()));
         all.extend(flags);
         let config = Flags::parse_from(all).config;
-        App::make_folders(&config).unwrap();
+        meshway::folder::make_places(&config.data_dir).unwrap();
         let options = Options {
             queue_limit: u64::from(config.queue_limit),
             ..options

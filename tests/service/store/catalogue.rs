@@ -226,11 +226,7 @@ async fn one_stream_tells_the_events_of_all_jobs_in_order() {
     );
     assert_eq!(bench.store.last_seq().await.unwrap(), events[2].seq);
     // A newest event that is erased does not give its place to another one.
-    bench
-        .store
-        .delete_job(&events[2].job_id, "deleted")
-        .await
-        .unwrap();
+    bench.store.delete_job(&events[2].job_id).await.unwrap();
     bench.submit().await;
     assert!(bench.store.last_seq().await.unwrap() > events[2].seq);
 }
@@ -306,12 +302,12 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
     bench.store.succeed(&claim, success()).await.unwrap();
 
     for id in [&job.id, &running] {
-        let before = bench.store.delete_job(id, "deleted").await.unwrap();
+        let before = bench.store.delete_job(id).await.unwrap();
         assert_eq!(before.found().map(|job| job.id), Some(id.clone()));
         for known in [
             bench.store.job(id).await.unwrap(),
             bench.store.request_cancel(id).await.unwrap(),
-            bench.store.delete_job(id, "expired").await.unwrap(),
+            bench.store.delete_job(id).await.unwrap(),
         ] {
             assert!(
                 matches!(&known, Lookup::Gone(stone) if stone.reason == "deleted" && stone.deleted_at == bench.store.now()),
@@ -369,7 +365,7 @@ async fn erased_bytes_are_in_no_file() {
         })
     };
     assert!(found());
-    bench.store.delete_job(&id, "deleted").await.unwrap();
+    bench.store.delete_job(&id).await.unwrap();
     until("they are overwritten", PATIENCE, async || {
         (!found()).then_some(())
     })

@@ -156,7 +156,7 @@ async fn a_stale_claim_writes_nothing() {
     assert_eq!(bench.store.mesh_info(&id, 5).await.unwrap(), None);
     assert_eq!(bench.store.checkpoint(&id).await.unwrap(), None);
     // … and is erased.
-    bench.store.delete_job(&id, "deleted").await.unwrap();
+    bench.store.delete_job(&id).await.unwrap();
     assert_writes_nothing(&bench.store, &stale).await;
     assert_writes_nothing(&bench.store, &claim).await;
 }
@@ -367,10 +367,7 @@ async fn an_unknown_job_is_missing_everywhere() {
         bench.store.request_cancel(&id).await.unwrap(),
         Lookup::Missing
     );
-    assert_eq!(
-        bench.store.delete_job(&id, "deleted").await.unwrap(),
-        Lookup::Missing
-    );
+    assert_eq!(bench.store.delete_job(&id).await.unwrap(), Lookup::Missing);
     assert!(
         bench
             .store

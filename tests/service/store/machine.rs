@@ -148,7 +148,7 @@ impl Machine {
             }
             Step::Delete(n) => {
                 if let Some(job) = pick(&mut self.jobs, n) {
-                    let answer = self.store.delete_job(&job.id, "deleted").await.unwrap();
+                    let answer = self.store.delete_job(&job.id).await.unwrap();
                     assert_eq!(matches!(answer, Lookup::Gone(_)), job.erased);
                     job.erased = true;
                 }

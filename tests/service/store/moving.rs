@@ -150,7 +150,7 @@ async fn content_of_an_older_folder_is_moved_out_of_the_rows() {
     // The job goes on from its checkpoint.
     let claim = store.claim("w", 6_000).await.unwrap().unwrap();
     assert_eq!((claim.job_id(), claim.job.evaluations), (&old.waiting, 5));
-    store.delete_job(&old.done, "deleted").await.unwrap();
+    store.delete_job(&old.done).await.unwrap();
     assert_eq!(store.model(&old.done).await.unwrap(), None);
 }
 

@@ -156,7 +156,7 @@ async fn erasing_gives_the_space_back() {
             .sum::<u64>()
     };
     assert!(bytes() > 32 << 20);
-    bench.store.delete_job(&id, "deleted").await.unwrap();
+    bench.store.delete_job(&id).await.unwrap();
     until("the files are small", PATIENCE, async || {
         (bytes() < 1 << 20).then_some(())
     })

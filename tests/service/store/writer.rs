@@ -102,7 +102,6 @@ async fn a_locked_database_is_busy_in_bounded_time_and_recovers() {
     let begun = Instant::now();
     let refused = bench.store.submit(bench.new_job(), None).await;
     assert!(matches!(refused, Err(Error::Busy)), "{refused:?}");
-    assert!(refused.unwrap_err().retryable());
     // 0.2 s of waiting; the rest is room for a machine that does other things.
     assert!(
         begun.elapsed() < Duration::from_secs(5),

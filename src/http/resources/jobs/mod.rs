@@ -190,7 +190,7 @@ pub(in crate::http) async fn erase(
     _: NoQuery,
     Id(id): Id<JobId>,
 ) -> Result<StatusCode> {
-    found(app.store.delete_job(&id, "deleted").await?)?;
+    found(app.store.delete_job(&id).await?)?;
     app.meshes.erase(&id);
     app.feed.erased(id);
     Ok(StatusCode::NO_CONTENT)

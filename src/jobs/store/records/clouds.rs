@@ -2,16 +2,14 @@
 
 use sqlx::sqlite::SqliteRow;
 
-use super::Store;
+use super::idempotency::Subject;
 use super::row::{Columns, integer, to_json};
-use super::writer::Transaction;
+use crate::jobs::store::Store;
+use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{Cloud, CloudDeletion, CloudId, NewCloud, Result};
 
 impl Store {
     /// Writes a cloud's row, or finds the one with the same bytes; whether it was written.
-    ///
-    /// # Errors
-    /// As every write: `Busy`, `Full`, `Closed`, `Database`.
     pub async fn insert_cloud(&self, new: NewCloud) -> Result<(Cloud, bool)> {
         self.write(move |tx| {
             Box::pin(async move {
@@ -39,9 +37,6 @@ impl Store {
     }
 
     /// The cloud of the given name.
-    ///
-    /// # Errors
-    /// As every read: `Busy`, `Closed`, `Inconsistent`, `Database`.
     pub async fn cloud(&self, id: &CloudId) -> Result<Option<Cloud>> {
         let row = sqlx::query("SELECT * FROM clouds WHERE id = ?1")
             .bind(id.as_str())
@@ -51,9 +46,6 @@ impl Store {
     }
 
     /// The cloud with the given bytes.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn cloud_by_sha256(&self, sha256: &str) -> Result<Option<Cloud>> {
         let row = sqlx::query("SELECT * FROM clouds WHERE sha256 = ?1")
             .bind(sha256)
@@ -63,9 +55,6 @@ impl Store {
     }
 
     /// A page of clouds, newest first; `before` is the last one of the page before it.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn list_clouds(&self, before: Option<&CloudId>, limit: u32) -> Result<Vec<Cloud>> {
         sqlx::query("SELECT * FROM clouds WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2")
             .bind(before.map(CloudId::as_str))
@@ -79,9 +68,6 @@ impl Store {
 
     /// Erases a cloud's row unless a job that has not ended needs it, and leaves a tombstone. Jobs
     /// that have ended keep its name and know that it is gone.
-    ///
-    /// # Errors
-    /// As every write.
     pub async fn delete_cloud(&self, id: &CloudId) -> Result<CloudDeletion> {
         let erased = self.erase(|| {
             let id = id.clone();
@@ -93,9 +79,6 @@ impl Store {
     }
 
     /// The hashes of all clouds: a file with another name is an orphan.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn sha256s(&self) -> Result<Vec<String>> {
         Ok(
             sqlx::query_scalar("SELECT sha256 FROM clouds ORDER BY sha256")
@@ -124,17 +107,12 @@ impl Transaction<'_> {
         let Some(row) = deleted else {
             return Ok(CloudDeletion::Missing);
         };
-        for statement in [
-            "UPDATE jobs SET cloud_erased = 1 WHERE cloud_id = ?1",
-            // The key stays, as those of jobs do.
-            "UPDATE idempotency SET headers = '[]', body = x'' WHERE cloud_id = ?1",
-        ] {
-            sqlx::query(statement)
-                .bind(id.as_str())
-                .execute(&mut *self.db)
-                .await?;
-        }
-        self.bury(id.as_str(), "deleted").await?;
+        sqlx::query("UPDATE jobs SET cloud_erased = 1 WHERE cloud_id = ?1")
+            .bind(id.as_str())
+            .execute(&mut *self.db)
+            .await?;
+        self.empty_answers(&Subject::Cloud(id.clone())).await?;
+        self.leave_tombstone(id.as_str()).await?;
         Ok(CloudDeletion::Deleted(cloud_of(&row)?))
     }
 }

@@ -3,9 +3,9 @@
 use serde_json::Value;
 use sqlx::sqlite::SqliteRow;
 
-use super::Store;
 use super::row::{Columns, to_json};
-use super::writer::Transaction;
+use crate::jobs::store::Store;
+use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{JobId, Result};
 
 /// Something that happened to a job.
@@ -29,9 +29,6 @@ pub struct Event {
 
 impl Store {
     /// Events of a job after the given id, oldest first.
-    ///
-    /// # Errors
-    /// As every read: `Busy`, `Closed`, `Inconsistent`, `Database`.
     pub async fn events_after(&self, id: &JobId, after: i64, limit: u32) -> Result<Vec<Event>> {
         sqlx::query("SELECT * FROM events WHERE job_id = ?1 AND id > ?2 ORDER BY id LIMIT ?3")
             .bind(id.as_str())
@@ -45,9 +42,6 @@ impl Store {
     }
 
     /// Events of all jobs after the given place, oldest first.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn all_events_after(&self, seq: i64, limit: u32) -> Result<Vec<Event>> {
         sqlx::query("SELECT * FROM events WHERE seq > ?1 ORDER BY seq LIMIT ?2")
             .bind(seq)
@@ -60,9 +54,6 @@ impl Store {
     }
 
     /// Place of the newest event that is here; 0 when there is none.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn last_seq(&self) -> Result<i64> {
         Ok(
             sqlx::query_scalar("SELECT COALESCE(MAX(seq), 0) FROM events")
@@ -74,7 +65,7 @@ impl Store {
 
 impl Transaction<'_> {
     /// Writes the next event of a job that is known to be here.
-    pub(super) async fn append_event(
+    pub(in crate::jobs::store) async fn append_event(
         &mut self,
         id: &JobId,
         event: &str,

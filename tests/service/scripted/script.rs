@@ -1,20 +1,19 @@
-//! Work by script in place of a reconstruction: for tests of the service, and for its benchmark.
+//! What a scripted job does.
 
 use std::f64::consts::{PI, TAU};
 use std::str::FromStr;
 use std::time::Duration;
 
+use meshway::jobs::worker::{Failure, Product};
+use meshway::jobs::{FailureReason, Problem};
+use meshway::reconstruction::mesh::TriangleMesh;
+use meshway::reconstruction::{Event, Observer, Phase};
 use serde_json::json;
 use thiserror::Error;
 
-use super::work::{Assignment, Failure, Product};
-use crate::jobs::Problem;
-use crate::reconstruction::mesh::TriangleMesh;
-use crate::reconstruction::{Event, Observer, Phase};
-
 /// What a scripted job does.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Script {
+pub(crate) enum Script {
     /// Gives a sphere at once.
     Instant,
     /// Gives a sphere after so many seconds, with progress on the way; stops when asked.
@@ -36,7 +35,7 @@ pub enum Script {
 /// A text that names no script.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("known are instant, sleep:SECONDS, crash, exit, hang, fail:CODE, panic, oom")]
-pub struct InvalidScript;
+pub(crate) struct InvalidScript;
 
 impl FromStr for Script {
     type Err = InvalidScript;
@@ -76,7 +75,7 @@ impl Script {
     ///
     /// # Panics
     /// Where the script does.
-    pub fn run(&self, _: &Assignment, observer: &dyn Observer) -> Result<Product, Failure> {
+    pub(crate) fn run(&self, observer: &dyn Observer) -> Result<Product, Failure> {
         observer.event(Event::Phase(Phase::Training));
         match self {
             Self::Instant => {}
@@ -100,10 +99,8 @@ impl Script {
                     memory.push(vec![1_u8; GULP_BYTES]);
                     std::thread::sleep(STEP);
                 }
-                return Err(Failure::internal(format!(
-                    "{} gulps were taken",
-                    memory.len()
-                )));
+                let detail = format!("{} gulps were taken", memory.len());
+                return Err(Failure::Transient(FailureReason::Internal { detail }));
             }
         }
         Ok(Product {
@@ -159,44 +156,5 @@ fn sphere(bands: u32, sectors: u32) -> TriangleMesh {
         vertices,
         triangles,
         ..TriangleMesh::default()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::reconstruction::mesh::Topology;
-
-    #[test]
-    fn the_sphere_is_one() {
-        let mesh = sphere(16, 32);
-        let topology = Topology::of(&mesh);
-        assert!(topology.closed, "{topology:?}");
-        assert_eq!(
-            mesh.vertices.len() + mesh.triangles.len() - 3 * mesh.triangles.len() / 2,
-            2
-        );
-        // The polyhedron lies inside the unit sphere; 16 bands lose some 2 % of 4/3 π.
-        assert!((4.0..4.19).contains(&mesh.volume()), "{}", mesh.volume());
-    }
-
-    #[test]
-    fn scripts_are_named() {
-        assert_eq!("sleep:0.5".parse(), Ok(Script::Sleep(0.5)));
-        assert_eq!(
-            "fail:no_surface".parse(),
-            Ok(Script::Fail("no_surface".to_owned()))
-        );
-        for wrong in [
-            "",
-            "sleep",
-            "sleep:x",
-            "sleep:-1",
-            "sleep:NaN",
-            "crash:2",
-            "dance",
-        ] {
-            assert_eq!(wrong.parse::<Script>(), Err(InvalidScript), "{wrong}");
-        }
     }
 }

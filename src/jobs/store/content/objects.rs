@@ -16,9 +16,10 @@ use sqlx::sqlite::{SqliteConnectOptions, SqlitePool, SqlitePoolOptions};
 use tokio::sync::watch;
 use uuid::Uuid;
 
-use super::writer::Writer;
-use super::{CONTENT_FILE, OPENING, Options, READERS, connect_options, migrated, writing};
 use crate::jobs::Result;
+use crate::jobs::store::sqlite::writer::Writer;
+use crate::jobs::store::sqlite::{OPENING, connect_options, migrated, writing};
+use crate::jobs::store::{CONTENT_FILE, Options, READERS};
 
 /// Size of every chunk of an object but the last: large enough for ~155 MiB/s in and ~700 MiB/s
 /// out, small enough that a hundred downloads hold 25 MiB.
@@ -38,32 +39,35 @@ const LOG_PAGES: &str = "512";
 
 const MIGRATIONS: [(&str, &str); 1] = [(
     "init",
-    include_str!("../../../migrations/content/0001_init.sql"),
+    include_str!("../../../../migrations/content/0001_init.sql"),
 )];
 
 /// A key whose bytes are on the disk, all of them. Only writing them gives one: so bytes are there
 /// before their row.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Kept {
-    pub(super) key: String,
-    pub(super) bytes: u64,
+pub(in crate::jobs::store) struct Kept {
+    pub(in crate::jobs::store) key: String,
+    pub(in crate::jobs::store) bytes: u64,
 }
 
 /// A process's hold on the content.
-pub(super) struct Objects {
+pub(in crate::jobs::store) struct Objects {
     writer: Writer,
     readers: SqlitePool,
     made_by: String,
 }
 
 /// A key that nothing was written under.
-pub(super) fn new_key() -> String {
+pub(in crate::jobs::store) fn new_key() -> String {
     Uuid::now_v7().to_string()
 }
 
 impl Objects {
     /// Opens the content of a data folder, making it where it is missing.
-    pub(super) async fn open(data_dir: &Path, options: &Arc<Options>) -> Result<Self> {
+    pub(in crate::jobs::store) async fn open(
+        data_dir: &Path,
+        options: &Arc<Options>,
+    ) -> Result<Self> {
         let connect = Self::connect(data_dir, options);
         let opened = writing(&connect)
             .page_size(PAGE_BYTES)
@@ -86,17 +90,20 @@ impl Objects {
     }
 
     /// How its database is opened.
-    pub(super) fn connect(data_dir: &Path, options: &Options) -> SqliteConnectOptions {
+    pub(in crate::jobs::store) fn connect(
+        data_dir: &Path,
+        options: &Options,
+    ) -> SqliteConnectOptions {
         connect_options(&data_dir.join(CONTENT_FILE), options)
     }
 
-    pub(super) async fn close(&self) {
+    pub(in crate::jobs::store) async fn close(&self) {
         self.readers.close().await;
         self.writer.close().await;
     }
 
     /// Writes the bytes under a new key. After an error some may be there.
-    pub(super) async fn put(&self, key: &str, data: Bytes) -> Result<Kept> {
+    pub(in crate::jobs::store) async fn put(&self, key: &str, data: Bytes) -> Result<Kept> {
         let bytes = data.len() as u64;
         let mut rest = data;
         let mut position = 0;
@@ -144,7 +151,11 @@ impl Objects {
 
     /// The bytes from `position` · [`CHUNK_BYTES`] on, that many or to the end; none past the end,
     /// and none of an object that was removed.
-    pub(super) async fn chunk(&self, key: &str, position: i64) -> Result<Option<Vec<u8>>> {
+    pub(in crate::jobs::store) async fn chunk(
+        &self,
+        key: &str,
+        position: i64,
+    ) -> Result<Option<Vec<u8>>> {
         let select = "SELECT data FROM chunks WHERE object = ?1 AND position = ?2";
         Ok(sqlx::query_scalar(select)
             .bind(key)
@@ -154,7 +165,7 @@ impl Objects {
     }
 
     /// The whole object; none if it was removed.
-    pub(super) async fn whole(&self, object: &Kept) -> Result<Option<Vec<u8>>> {
+    pub(in crate::jobs::store) async fn whole(&self, object: &Kept) -> Result<Option<Vec<u8>>> {
         let mut data = Vec::with_capacity(object.bytes as usize);
         for position in 0.. {
             let Some(chunk) = self.chunk(&object.key, position).await? else {
@@ -166,7 +177,7 @@ impl Objects {
     }
 
     /// Keys of all objects, or of those that a process made, in the order of their making.
-    pub(super) async fn keys(&self, made_by: Option<&str>) -> Result<Vec<String>> {
+    pub(in crate::jobs::store) async fn keys(&self, made_by: Option<&str>) -> Result<Vec<String>> {
         let select = "SELECT key FROM objects WHERE ?1 IS NULL OR made_by = ?1 ORDER BY key";
         Ok(sqlx::query_scalar(select)
             .bind(made_by)
@@ -175,7 +186,7 @@ impl Objects {
     }
 
     /// Removes an object; one that is not there is no error.
-    pub(super) async fn remove(&self, key: &str) -> Result<()> {
+    pub(in crate::jobs::store) async fn remove(&self, key: &str) -> Result<()> {
         loop {
             let key = key.to_owned();
             let removed = self.writer.write(move |tx| {
@@ -204,7 +215,7 @@ impl Objects {
     }
 
     /// Gives the space of what was removed back to the file system.
-    pub(super) async fn vacuum(&self) -> Result<()> {
+    pub(in crate::jobs::store) async fn vacuum(&self) -> Result<()> {
         self.writer.vacuum(0).await
     }
 }

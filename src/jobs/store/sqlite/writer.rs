@@ -14,7 +14,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::Options;
+use crate::jobs::store::Options;
 use crate::jobs::{Error, Result};
 
 /// Most requests in one commit: bounds how long the first of them waits for the last.
@@ -29,18 +29,18 @@ const QUEUE: usize = 1_024;
 const GAP: Duration = Duration::from_millis(1);
 
 /// An open write transaction, and what its statements need besides.
-pub(super) struct Transaction<'c> {
+pub(in crate::jobs::store) struct Transaction<'c> {
     /// The connection that writes.
-    pub(super) db: &'c mut SqliteConnection,
+    pub(in crate::jobs::store) db: &'c mut SqliteConnection,
     /// Milliseconds since the epoch when the request was begun, not when it was queued: a lease
     /// that is given after a wait has its full length.
-    pub(super) now: i64,
+    pub(in crate::jobs::store) now: i64,
     /// Limits of the store.
-    pub(super) options: &'c Options,
+    pub(in crate::jobs::store) options: &'c Options,
 }
 
 /// Hands requests to the writing task.
-pub(super) struct Writer {
+pub(in crate::jobs::store) struct Writer {
     requests: mpsc::Sender<Box<dyn Request>>,
     stop: CancellationToken,
     tasks: TaskTracker,
@@ -48,7 +48,7 @@ pub(super) struct Writer {
 
 impl Writer {
     /// Starts the task; `changed` counts the commits.
-    pub(super) fn start(
+    pub(in crate::jobs::store) fn start(
         db: SqliteConnection,
         options: Arc<Options>,
         changed: watch::Sender<u64>,
@@ -75,7 +75,7 @@ impl Writer {
     ///
     /// # Errors
     /// What `work` says, or why the commit failed; nothing was written then.
-    pub(super) async fn write<T, F>(&self, work: F) -> Result<T>
+    pub(in crate::jobs::store) async fn write<T, F>(&self, work: F) -> Result<T>
     where
         T: Send + 'static,
         F: for<'c> FnOnce(Transaction<'c>) -> BoxFuture<'c, Result<T>> + Send + 'static,
@@ -95,10 +95,7 @@ impl Writer {
 
     /// Gives free pages back to the file system, a few in each transaction, until no more than so
     /// many are left.
-    ///
-    /// # Errors
-    /// As every write.
-    pub(super) async fn vacuum(&self, keep: i64) -> Result<()> {
+    pub(in crate::jobs::store) async fn vacuum(&self, keep: i64) -> Result<()> {
         let mut before = i64::MAX;
         loop {
             let left = self.write(move |tx| {
@@ -122,7 +119,7 @@ impl Writer {
     }
 
     /// Refuses new requests, finishes those that wait, and closes the connection.
-    pub(super) async fn close(&self) {
+    pub(in crate::jobs::store) async fn close(&self) {
         self.stop.cancel();
         self.tasks.wait().await;
     }

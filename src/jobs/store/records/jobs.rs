@@ -4,12 +4,12 @@ use serde_json::json;
 use sqlx::sqlite::{Sqlite, SqliteRow};
 use sqlx::{Executor, Row};
 
-use super::Store;
-use super::idempotency::Idempotency;
+use super::idempotency::{Idempotency, Subject};
 use super::outcome::{Fence, Outcome};
 use super::row::{Columns, to_json};
 use super::tombstones;
-use super::writer::Transaction;
+use crate::jobs::store::Store;
+use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{
     CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewJob, Result, Status, Verdict,
 };
@@ -36,7 +36,7 @@ impl Store {
     /// answer; all in one transaction. An answer means that the job is on disk.
     ///
     /// # Errors
-    /// `QueueFull`, `CloudMissing`, and as every write: `Busy`, `Full`, `Closed`, `Database`.
+    /// `QueueFull`, `CloudMissing`.
     pub async fn submit(&self, new: NewJob, idempotency: Option<Idempotency>) -> Result<Job> {
         self.write(move |mut tx| {
             Box::pin(async move {
@@ -51,9 +51,6 @@ impl Store {
     }
 
     /// What is known about the name of a job.
-    ///
-    /// # Errors
-    /// As every read: `Busy`, `Closed`, `Inconsistent`, `Database`.
     pub async fn job(&self, id: &JobId) -> Result<Lookup> {
         // A job that is erased between the two reads has its tombstone: both are one transaction.
         match find_job(self.readers(), id).await? {
@@ -63,17 +60,11 @@ impl Store {
     }
 
     /// Place of a waiting job in the queue, 1 for the next one; none when it does not wait.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn queue_position(&self, id: &JobId) -> Result<Option<u64>> {
         position(self.readers(), id).await
     }
 
     /// A page of jobs, newest first; `before` is the last one of the page before it.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn list_jobs(
         &self,
         filter: &JobFilter,
@@ -110,9 +101,6 @@ impl Store {
 
     /// Asks a job to end: a waiting one is cancelled at once, a running one is marked for its
     /// worker, one that has ended stays as it is. The answer is the job afterwards.
-    ///
-    /// # Errors
-    /// As every write.
     pub async fn request_cancel(&self, id: &JobId) -> Result<Lookup> {
         let id = id.clone();
         self.write(move |mut tx| {
@@ -138,13 +126,10 @@ impl Store {
 
     /// Erases a job in whatever state, with everything that belongs to it, and leaves a tombstone;
     /// a worker that runs it finds its claim lost. The answer is what was known before.
-    ///
-    /// # Errors
-    /// As every write.
-    pub async fn delete_job(&self, id: &JobId, reason: &'static str) -> Result<Lookup> {
+    pub async fn delete_job(&self, id: &JobId) -> Result<Lookup> {
         let erased = self.erase(|| {
             let id = id.clone();
-            Box::new(move |mut tx| Box::pin(async move { tx.erase_job(&id, reason).await }))
+            Box::new(move |mut tx| Box::pin(async move { tx.erase_job(&id).await }))
         });
         let erased = erased.await?;
         self.bury().await;
@@ -152,9 +137,6 @@ impl Store {
     }
 
     /// Number of jobs in each state.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn counts(&self) -> Result<Counts> {
         sqlx::query("SELECT status, COUNT(*) AS jobs FROM jobs GROUP BY status")
             .fetch_all(self.readers())
@@ -168,9 +150,6 @@ impl Store {
     }
 
     /// When the job that has waited longest was submitted, in milliseconds since the epoch.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn oldest_queued(&self) -> Result<Option<i64>> {
         Ok(
             sqlx::query_scalar("SELECT MIN(created_at) FROM jobs WHERE status = 'queued'")
@@ -181,7 +160,7 @@ impl Store {
 }
 
 impl Transaction<'_> {
-    async fn erase_job(&mut self, id: &JobId, reason: &'static str) -> Result<Lookup> {
+    async fn erase_job(&mut self, id: &JobId) -> Result<Lookup> {
         let Some(job) = find_job(&mut *self.db, id).await? else {
             return find_tombstone(&mut *self.db, id).await;
         };
@@ -196,8 +175,6 @@ impl Transaction<'_> {
             "DELETE FROM metrics WHERE job_id = ?1",
             "DELETE FROM gradients WHERE job_id = ?1",
             "DELETE FROM events WHERE job_id = ?1",
-            // The key stays: a request that comes again must not make a second job.
-            "UPDATE idempotency SET headers = '[]', body = x'' WHERE job_id = ?1",
             "DELETE FROM jobs WHERE id = ?1",
         ] {
             sqlx::query(statement)
@@ -205,7 +182,8 @@ impl Transaction<'_> {
                 .execute(&mut *self.db)
                 .await?;
         }
-        self.bury(id.as_str(), reason).await?;
+        self.empty_answers(&Subject::Job(id.clone())).await?;
+        self.leave_tombstone(id.as_str()).await?;
         Ok(Lookup::Found(Box::new(job)))
     }
 
@@ -246,12 +224,15 @@ impl Transaction<'_> {
     }
 
     /// Place of a waiting job in the queue.
-    pub(super) async fn queue_position(&mut self, id: &JobId) -> Result<Option<u64>> {
+    pub(in crate::jobs::store) async fn queue_position(
+        &mut self,
+        id: &JobId,
+    ) -> Result<Option<u64>> {
         position(&mut *self.db, id).await
     }
 
     /// A job that is known to be here.
-    pub(super) async fn load_job(&mut self, id: &JobId) -> Result<Job> {
+    pub(in crate::jobs::store) async fn load_job(&mut self, id: &JobId) -> Result<Job> {
         find_job(&mut *self.db, id).await?.ok_or(Error::Stale)
     }
 }
@@ -264,7 +245,7 @@ async fn find_job<'e>(db: impl Executor<'e, Database = Sqlite>, id: &JobId) -> R
     row.as_ref().map(job_of).transpose()
 }
 
-pub(super) async fn find_tombstone<'e>(
+pub(in crate::jobs::store) async fn find_tombstone<'e>(
     db: impl Executor<'e, Database = Sqlite>,
     id: &JobId,
 ) -> Result<Lookup> {
@@ -290,7 +271,7 @@ fn status_of(columns: Columns<'_>) -> Result<Status> {
 }
 
 /// A job of its row.
-pub(super) fn job_of(row: &SqliteRow) -> Result<Job> {
+pub(in crate::jobs::store) fn job_of(row: &SqliteRow) -> Result<Job> {
     let columns = Columns::new("jobs", row);
     Ok(Job {
         id: columns.parsed("id")?,

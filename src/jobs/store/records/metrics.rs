@@ -2,17 +2,14 @@
 
 use sqlx::sqlite::SqliteRow;
 
-use super::Store;
 use super::row::{Columns, integer, to_json};
-use super::writer::Transaction;
+use crate::jobs::store::Store;
+use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{Error, JobId, Result};
 use crate::reconstruction::training::{GradientHistogram, Metrics};
 
 impl Store {
     /// Accepted iterations after the given evaluation, in order.
-    ///
-    /// # Errors
-    /// As every read: `Busy`, `Closed`, `Inconsistent`, `Database`.
     pub async fn metrics(
         &self,
         id: &JobId,
@@ -34,9 +31,6 @@ impl Store {
     }
 
     /// All gradient histograms of a job, in the order of their evaluations.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn gradients(&self, id: &JobId) -> Result<Vec<GradientHistogram>> {
         sqlx::query("SELECT * FROM gradients WHERE job_id = ?1 ORDER BY evaluation")
             .bind(id.as_str())
@@ -56,7 +50,7 @@ impl Store {
 
 impl Transaction<'_> {
     /// Adds rows to the `present` ones of a job, up to the limit; one that is there stays.
-    pub(super) async fn insert_metrics(
+    pub(in crate::jobs::store) async fn insert_metrics(
         &mut self,
         id: &JobId,
         present: i64,
@@ -102,7 +96,7 @@ impl Transaction<'_> {
     }
 
     /// Adds histograms; one that is there stays.
-    pub(super) async fn insert_gradients(
+    pub(in crate::jobs::store) async fn insert_gradients(
         &mut self,
         id: &JobId,
         histograms: &[GradientHistogram],

@@ -14,14 +14,14 @@ const FILE: &str = "ballast";
 static BLOCK: [u8; 64 * 1024] = [0; 64 * 1024];
 
 /// A file that is there to be removed.
-pub(super) struct Ballast {
+pub(in crate::jobs::store) struct Ballast {
     path: PathBuf,
     bytes: u64,
 }
 
 impl Ballast {
     /// One of so many bytes; of none, there is no file.
-    pub(super) fn new(data_dir: &Path, bytes: u64) -> Self {
+    pub(in crate::jobs::store) fn new(data_dir: &Path, bytes: u64) -> Self {
         let ballast = Self {
             path: data_dir.join(FILE),
             bytes,
@@ -32,7 +32,7 @@ impl Ballast {
 
     /// Sets the room aside where as much is left besides: what has just come free on a full disk is for others, and
     /// SQLite dies where a page of its index of the log finds no room.
-    pub(super) fn fill(&self) {
+    pub(in crate::jobs::store) fn fill(&self) {
         let there = fs::metadata(&self.path).is_ok_and(|file| file.len() >= self.bytes);
         if self.bytes == 0 || there || !self.has_room() {
             return;
@@ -49,7 +49,7 @@ impl Ballast {
     }
 
     /// Gives the room away; whether there was any.
-    pub(super) fn release(&self) -> bool {
+    pub(in crate::jobs::store) fn release(&self) -> bool {
         self.bytes > 0 && fs::remove_file(&self.path).is_ok()
     }
 

@@ -2,10 +2,10 @@
 
 use sqlx::sqlite::SqliteRow;
 
-use super::Store;
-use super::objects::Kept;
 use super::row::{Columns, integer};
-use super::writer::Transaction;
+use crate::jobs::store::Store;
+use crate::jobs::store::content::objects::Kept;
+use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{JobId, NewMesh, Result};
 
 /// A mesh without its bytes.
@@ -29,9 +29,6 @@ pub struct MeshInfo {
 
 impl Store {
     /// The snapshots of a job, in the order of their evaluations; without the result.
-    ///
-    /// # Errors
-    /// As every read: `Busy`, `Closed`, `Inconsistent`, `Database`.
     pub async fn snapshots(&self, id: &JobId) -> Result<Vec<MeshInfo>> {
         sqlx::query("SELECT * FROM meshes WHERE job_id = ?1 AND evaluation > 0 ORDER BY evaluation")
             .bind(id.as_str())
@@ -43,9 +40,6 @@ impl Store {
     }
 
     /// The mesh at an evaluation; 0 is the result.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn mesh_info(&self, id: &JobId, evaluation: u64) -> Result<Option<MeshInfo>> {
         let row = sqlx::query("SELECT * FROM meshes WHERE job_id = ?1 AND evaluation = ?2")
             .bind(id.as_str())
@@ -55,20 +49,14 @@ impl Store {
         row.as_ref().map(mesh_of).transpose()
     }
 
-    /// The bytes of a mesh from `position` · [`CHUNK_BYTES`](super::CHUNK_BYTES) on, that many or
+    /// The bytes of a mesh from `position` · [`CHUNK_BYTES`](crate::jobs::store::CHUNK_BYTES) on, that many or
     /// to the end; none past the end, and none when the mesh was erased meanwhile.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn mesh_chunk(&self, mesh: &MeshInfo, position: u64) -> Result<Option<Vec<u8>>> {
         let position = integer(position);
         self.inner.objects.chunk(&mesh.object, position).await
     }
 
     /// The trained network (safetensors) of a job that succeeded, and its hash.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn model(&self, id: &JobId) -> Result<Option<(Vec<u8>, String)>> {
         let row = sqlx::query("SELECT * FROM models WHERE job_id = ?1")
             .bind(id.as_str())
@@ -86,7 +74,7 @@ impl Store {
 
 impl Transaction<'_> {
     /// Writes a mesh in the place of an earlier one at the same evaluation.
-    pub(super) async fn put_mesh(
+    pub(in crate::jobs::store) async fn put_mesh(
         &mut self,
         id: &JobId,
         evaluation: u64,
@@ -124,7 +112,7 @@ impl Transaction<'_> {
     }
 
     /// Writes the trained network.
-    pub(super) async fn put_model(
+    pub(in crate::jobs::store) async fn put_model(
         &mut self,
         id: &JobId,
         sha256: String,

@@ -19,14 +19,14 @@ const PATIENCE: Duration = Duration::from_millis(50);
 const PAUSE: Duration = Duration::from_secs(1);
 
 /// Empties the log when it is woken.
-pub(super) struct Shredder {
+pub(in crate::jobs::store) struct Shredder {
     erased: Arc<Notify>,
     task: AbortOnDropHandle<()>,
 }
 
 impl Shredder {
     /// Starts the task. Needs a tokio runtime.
-    pub(super) fn start(connect: SqliteConnectOptions) -> Self {
+    pub(in crate::jobs::store) fn start(connect: SqliteConnectOptions) -> Self {
         let erased = Arc::new(Notify::new());
         let connect = connect.busy_timeout(PATIENCE);
         let task = tokio::spawn(run(connect, Arc::clone(&erased)));
@@ -37,12 +37,12 @@ impl Shredder {
     }
 
     /// Something was erased.
-    pub(super) fn wake(&self) {
+    pub(in crate::jobs::store) fn wake(&self) {
         self.erased.notify_one();
     }
 
     /// Ends the task; the last process to close the database empties the log anyway.
-    pub(super) fn stop(&self) {
+    pub(in crate::jobs::store) fn stop(&self) {
         self.task.abort();
     }
 }

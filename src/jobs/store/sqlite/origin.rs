@@ -5,8 +5,8 @@ use std::path::Path;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
-use super::{DATABASE_FILE, Store};
 use crate::jobs::Result;
+use crate::jobs::store::{DATABASE_FILE, Store};
 
 /// Whether the folder holds a database that some version of this program made. Writes nothing.
 ///
@@ -41,9 +41,6 @@ pub async fn is_ours(data_dir: &Path) -> Result<bool> {
 
 impl Store {
     /// When the database was made, in whole seconds since the epoch by the clock of the machine.
-    ///
-    /// # Errors
-    /// As every read: `Busy`, `Closed`, `Database`.
     pub async fn made_at(&self) -> Result<i64> {
         Ok(sqlx::query_scalar(
             "SELECT CAST(strftime('%s', MIN(installed_on)) AS INTEGER) FROM _sqlx_migrations",

@@ -18,11 +18,11 @@ use sqlx::sqlite::SqlitePool;
 use tokio::sync::{Mutex, watch};
 use tokio_util::task::AbortOnDropHandle;
 
-use super::Store;
 use super::ballast::Ballast;
 use super::objects::{Kept, Objects, new_key};
-use super::shredder::Shredder;
-use super::writer::{Transaction, Writer};
+use crate::jobs::store::Store;
+use crate::jobs::store::sqlite::shredder::Shredder;
+use crate::jobs::store::sqlite::writer::{Transaction, Writer};
 use crate::jobs::{Error, Result};
 
 /// Graves that are read at a time, and keys that are looked at in one transaction.
@@ -35,20 +35,20 @@ const FREE_PAGES: i64 = 256;
 const PAUSE: Duration = Duration::from_secs(1);
 
 /// Removes the bytes of keys that are in their graves.
-pub(super) struct Burial {
-    pub(super) writer: Arc<Writer>,
-    pub(super) readers: SqlitePool,
-    pub(super) objects: Arc<Objects>,
-    pub(super) ballast: Ballast,
+pub(in crate::jobs::store) struct Burial {
+    pub(in crate::jobs::store) writer: Arc<Writer>,
+    pub(in crate::jobs::store) readers: SqlitePool,
+    pub(in crate::jobs::store) objects: Arc<Objects>,
+    pub(in crate::jobs::store) ballast: Ballast,
     /// The logs of both databases.
-    pub(super) logs: [Shredder; 2],
+    pub(in crate::jobs::store) logs: [Shredder; 2],
     /// One at a time.
-    pub(super) turn: Mutex<()>,
+    pub(in crate::jobs::store) turn: Mutex<()>,
 }
 
 impl Burial {
     /// Removes all of them, and gives their space back.
-    pub(super) async fn run(&self) -> Result<()> {
+    pub(in crate::jobs::store) async fn run(&self) -> Result<()> {
         let _turn = self.turn.lock().await;
         loop {
             match self.once().await {
@@ -104,11 +104,14 @@ impl Burial {
 
 /// Buries in the background, whoever made the graves: after each commit that this process makes or
 /// hears of it looks for some.
-pub(super) struct Undertaker(AbortOnDropHandle<()>);
+pub(in crate::jobs::store) struct Undertaker(AbortOnDropHandle<()>);
 
 impl Undertaker {
     /// Starts the task. Needs a tokio runtime.
-    pub(super) fn start(burial: Arc<Burial>, mut changed: watch::Receiver<u64>) -> Self {
+    pub(in crate::jobs::store) fn start(
+        burial: Arc<Burial>,
+        mut changed: watch::Receiver<u64>,
+    ) -> Self {
         changed.mark_changed();
         Self(AbortOnDropHandle::new(tokio::spawn(async move {
             while changed.changed().await.is_ok() {
@@ -121,14 +124,14 @@ impl Undertaker {
     }
 
     /// Ends the task; the graves stay for the next process.
-    pub(super) fn stop(&self) {
+    pub(in crate::jobs::store) fn stop(&self) {
         self.0.abort();
     }
 }
 
 impl Store {
     /// Writes bytes that a row is to name.
-    pub(super) async fn put_object(&self, data: Bytes) -> Result<Kept> {
+    pub(in crate::jobs::store) async fn put_object(&self, data: Bytes) -> Result<Kept> {
         let key = new_key();
         match self.inner.objects.put(&key, data).await {
             Ok(kept) => Ok(kept),
@@ -140,7 +143,7 @@ impl Store {
     }
 
     /// Runs a transaction that names objects. If it fails they are garbage.
-    pub(super) async fn name<T, F>(&self, objects: &[&Kept], work: F) -> Result<T>
+    pub(in crate::jobs::store) async fn name<T, F>(&self, objects: &[&Kept], work: F) -> Result<T>
     where
         T: Send + 'static,
         F: for<'c> FnOnce(Transaction<'c>) -> BoxFuture<'c, Result<T>> + Send + 'static,
@@ -156,9 +159,6 @@ impl Store {
 
     /// Removes objects that no row names, of all processes or of one that has ended; returns their
     /// number. Processes that are about to name theirs write them again.
-    ///
-    /// # Errors
-    /// As every read and every write.
     pub async fn collect_garbage(&self, made_by: Option<&str>) -> Result<u64> {
         let mut found = 0;
         for keys in self.inner.objects.keys(made_by).await?.chunks(AT_ONCE) {
@@ -168,7 +168,7 @@ impl Store {
     }
 
     /// Removes at once what was erased just now; what cannot be, later.
-    pub(super) async fn bury(&self) {
+    pub(in crate::jobs::store) async fn bury(&self) {
         if let Err(error) = self.inner.burial.run().await {
             tracing::warn!(error.message = %error, "erased content is removed later");
         }
@@ -176,7 +176,7 @@ impl Store {
 
     /// As for garbage of which it is known that nobody will name it. After an error it stays until
     /// all is looked at.
-    pub(super) async fn discard(&self, keys: Vec<String>) {
+    pub(in crate::jobs::store) async fn discard(&self, keys: Vec<String>) {
         if let Err(error) = self.refuse(keys).await {
             tracing::debug!(%error, "content without a row stays for now");
         }
@@ -225,7 +225,7 @@ impl Transaction<'_> {
     ///
     /// # Errors
     /// `Busy` if it was taken for garbage: its bytes are to be written again.
-    pub(super) async fn may_name(&mut self, object: &Kept) -> Result<()> {
+    pub(in crate::jobs::store) async fn may_name(&mut self, object: &Kept) -> Result<()> {
         let select = "SELECT EXISTS (SELECT 1 FROM refused WHERE key = ?1)";
         let refused: bool = sqlx::query_scalar(select)
             .bind(&object.key)

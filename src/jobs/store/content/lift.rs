@@ -48,7 +48,10 @@ const PLACES: [Place; 3] = [
 ];
 
 /// Moves what is left to move.
-pub(super) async fn lift(db: &mut SqliteConnection, objects: &Objects) -> Result<()> {
+pub(in crate::jobs::store) async fn lift(
+    db: &mut SqliteConnection,
+    objects: &Objects,
+) -> Result<()> {
     let left = "SELECT EXISTS (SELECT 1 FROM sqlite_schema
                 WHERE type = 'table' AND name = 'mesh_chunks')";
     if sqlx::query_scalar(left).fetch_one(&mut *db).await? {

@@ -3,20 +3,20 @@
 use serde_json::{Value, json};
 
 use super::row::to_json;
-use super::writer::Transaction;
+use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{Error, Job, JobId, Problem, Result, Status};
 
 /// Which job is meant, in which attempt and state: the fence of a change.
 #[derive(Clone, Copy)]
-pub(super) struct Fence<'a> {
-    pub(super) id: &'a JobId,
-    pub(super) attempt: i64,
-    pub(super) status: Status,
+pub(in crate::jobs::store) struct Fence<'a> {
+    pub(in crate::jobs::store) id: &'a JobId,
+    pub(in crate::jobs::store) attempt: i64,
+    pub(in crate::jobs::store) status: Status,
 }
 
 impl<'a> Fence<'a> {
     /// The job as it was read in this transaction.
-    pub(super) fn of(job: &'a Job) -> Self {
+    pub(in crate::jobs::store) fn of(job: &'a Job) -> Self {
         Self {
             id: &job.id,
             attempt: job.attempt,
@@ -25,7 +25,7 @@ impl<'a> Fence<'a> {
     }
 
     /// The running attempt.
-    pub(super) fn running(id: &'a JobId, attempt: i64) -> Self {
+    pub(in crate::jobs::store) fn running(id: &'a JobId, attempt: i64) -> Self {
         Self {
             id,
             attempt,
@@ -35,7 +35,7 @@ impl<'a> Fence<'a> {
 }
 
 /// What a job becomes, other than running (that is a claim).
-pub(super) enum Outcome {
+pub(in crate::jobs::store) enum Outcome {
     /// Back into the queue, with why.
     Requeued { reason: Value },
     /// Its report, and what the last event tells.
@@ -62,7 +62,11 @@ impl Transaction<'_> {
     ///
     /// # Errors
     /// `Stale` if the job is not in the state and attempt of the fence, or may not go that way.
-    pub(super) async fn leave(&mut self, fence: Fence<'_>, outcome: Outcome) -> Result<()> {
+    pub(in crate::jobs::store) async fn leave(
+        &mut self,
+        fence: Fence<'_>,
+        outcome: Outcome,
+    ) -> Result<()> {
         let status = outcome.status();
         if !fence.status.may_become(status) {
             return Err(Error::Stale);

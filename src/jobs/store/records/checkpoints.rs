@@ -2,9 +2,9 @@
 
 use bytes::Bytes;
 
-use super::Store;
 use super::row::{Columns, integer};
-use super::writer::Transaction;
+use crate::jobs::store::Store;
+use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{Claim, JobId, Result};
 
 /// A saved state of training.
@@ -24,7 +24,7 @@ impl Store {
     /// Saves the state of training in the place of an earlier one.
     ///
     /// # Errors
-    /// `Stale`, and as every write: `Busy`, `Full`, `Closed`, `Database`.
+    /// `Stale` if the claim is over.
     pub async fn put_checkpoint(
         &self,
         claim: &Claim,
@@ -60,9 +60,6 @@ impl Store {
     }
 
     /// The last saved state of a job that has not ended.
-    ///
-    /// # Errors
-    /// As every read: `Busy`, `Closed`, `Inconsistent`, `Database`.
     pub async fn checkpoint(&self, id: &JobId) -> Result<Option<Checkpoint>> {
         let row = sqlx::query("SELECT * FROM checkpoints WHERE job_id = ?1")
             .bind(id.as_str())
@@ -87,7 +84,7 @@ impl Store {
 
 impl Transaction<'_> {
     /// Removes the saved state of a job, if there is one.
-    pub(super) async fn bury_checkpoint(&mut self, id: &JobId) -> Result<()> {
+    pub(in crate::jobs::store) async fn bury_checkpoint(&mut self, id: &JobId) -> Result<()> {
         for statement in [
             "INSERT INTO graves (key) SELECT object FROM checkpoints WHERE job_id = ?1",
             "DELETE FROM checkpoints WHERE job_id = ?1",

@@ -3,16 +3,16 @@
 use sqlx::Executor;
 use sqlx::sqlite::Sqlite;
 
-use super::Store;
 use super::row::Columns;
-use super::writer::Transaction;
+use crate::jobs::store::Store;
+use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{CloudId, Result, Tombstone};
+
+/// Why a client's wish erased it: the only reason there is so far.
+const DELETED: &str = "deleted";
 
 impl Store {
     /// What stays of a cloud, if it was here and was erased.
-    ///
-    /// # Errors
-    /// As every read: `Busy`, `Closed`, `Inconsistent`, `Database`.
     pub async fn cloud_tombstone(&self, id: &CloudId) -> Result<Option<Tombstone>> {
         find(self.readers(), id.as_str()).await
     }
@@ -20,11 +20,11 @@ impl Store {
 
 impl Transaction<'_> {
     /// Leaves a tombstone for the job or the cloud of the given name.
-    pub(super) async fn bury(&mut self, id: &str, reason: &'static str) -> Result<()> {
+    pub(in crate::jobs::store) async fn leave_tombstone(&mut self, id: &str) -> Result<()> {
         sqlx::query("INSERT INTO tombstones (id, deleted_at, reason) VALUES (?1, ?2, ?3)")
             .bind(id)
             .bind(self.now)
-            .bind(reason)
+            .bind(DELETED)
             .execute(&mut *self.db)
             .await?;
         Ok(())
@@ -32,7 +32,7 @@ impl Transaction<'_> {
 }
 
 /// The tombstone of the job or the cloud of the given name.
-pub(super) async fn find<'e>(
+pub(in crate::jobs::store) async fn find<'e>(
     db: impl Executor<'e, Database = Sqlite>,
     id: &str,
 ) -> Result<Option<Tombstone>> {

@@ -6,23 +6,23 @@ use serde::de::DeserializeOwned;
 use sqlx::sqlite::{Sqlite, SqliteRow};
 use sqlx::{Decode, Row, Type};
 
-use super::objects::Kept;
+use crate::jobs::store::content::objects::Kept;
 use crate::jobs::{Error, Result};
 
 /// A row of a known table.
 #[derive(Clone, Copy)]
-pub(super) struct Columns<'r> {
+pub(in crate::jobs::store) struct Columns<'r> {
     table: &'static str,
     row: &'r SqliteRow,
 }
 
 impl<'r> Columns<'r> {
-    pub(super) fn new(table: &'static str, row: &'r SqliteRow) -> Self {
+    pub(in crate::jobs::store) fn new(table: &'static str, row: &'r SqliteRow) -> Self {
         Self { table, row }
     }
 
     /// The value as it is.
-    pub(super) fn get<T>(self, column: &'static str) -> Result<T>
+    pub(in crate::jobs::store) fn get<T>(self, column: &'static str) -> Result<T>
     where
         T: Decode<'r, Sqlite> + Type<Sqlite>,
     {
@@ -32,17 +32,17 @@ impl<'r> Columns<'r> {
     }
 
     /// A number that is not negative.
-    pub(super) fn count(self, column: &'static str) -> Result<u64> {
+    pub(in crate::jobs::store) fn count(self, column: &'static str) -> Result<u64> {
         u64::try_from(self.get::<i64>(column)?).map_err(Error::inconsistent(self.table, column))
     }
 
     /// A floating-point number; NULL, which is how `SQLite` keeps one that is not a number, is NaN.
-    pub(super) fn float(self, column: &'static str) -> Result<f64> {
+    pub(in crate::jobs::store) fn float(self, column: &'static str) -> Result<f64> {
         Ok(self.get::<Option<f64>>(column)?.unwrap_or(f64::NAN))
     }
 
     /// A text in a form of its own.
-    pub(super) fn parsed<T>(self, column: &'static str) -> Result<T>
+    pub(in crate::jobs::store) fn parsed<T>(self, column: &'static str) -> Result<T>
     where
         T: FromStr<Err: ToString>,
     {
@@ -52,12 +52,15 @@ impl<'r> Columns<'r> {
     }
 
     /// A text of JSON.
-    pub(super) fn json<T: DeserializeOwned>(self, column: &'static str) -> Result<T> {
+    pub(in crate::jobs::store) fn json<T: DeserializeOwned>(
+        self,
+        column: &'static str,
+    ) -> Result<T> {
         serde_json::from_str(self.get(column)?).map_err(Error::inconsistent(self.table, column))
     }
 
     /// A text of JSON, or NULL.
-    pub(super) fn optional_json<T: DeserializeOwned>(
+    pub(in crate::jobs::store) fn optional_json<T: DeserializeOwned>(
         self,
         column: &'static str,
     ) -> Result<Option<T>> {
@@ -68,7 +71,10 @@ impl<'r> Columns<'r> {
     }
 
     /// A name that is its own JSON string, such as a preset's, or NULL.
-    pub(super) fn name<T: DeserializeOwned>(self, column: &'static str) -> Result<Option<T>> {
+    pub(in crate::jobs::store) fn name<T: DeserializeOwned>(
+        self,
+        column: &'static str,
+    ) -> Result<Option<T>> {
         self.get::<Option<String>>(column)?
             .map(|name| serde_json::from_value(name.into()))
             .transpose()
@@ -76,7 +82,7 @@ impl<'r> Columns<'r> {
     }
 
     /// The object that the row names.
-    pub(super) fn object(self) -> Result<Kept> {
+    pub(in crate::jobs::store) fn object(self) -> Result<Kept> {
         Ok(Kept {
             key: self.get("object")?,
             bytes: self.count("bytes")?,
@@ -84,17 +90,21 @@ impl<'r> Columns<'r> {
     }
 
     /// A value that must not be missing.
-    pub(super) fn required<T>(self, value: Option<T>, column: &'static str) -> Result<T> {
+    pub(in crate::jobs::store) fn required<T>(
+        self,
+        value: Option<T>,
+        column: &'static str,
+    ) -> Result<T> {
         value.ok_or_else(|| Error::inconsistent(self.table, column)("is missing"))
     }
 }
 
 /// JSON text of a value that has one: our own types, whose keys are strings.
-pub(super) fn to_json<T: serde::Serialize>(value: &T) -> String {
+pub(in crate::jobs::store) fn to_json<T: serde::Serialize>(value: &T) -> String {
     serde_json::to_string(value).expect("our own types have string keys only")
 }
 
 /// A count as `SQLite` keeps it; what is larger than 2⁶³ does not occur and is cut there.
-pub(super) fn integer(count: u64) -> i64 {
+pub(in crate::jobs::store) fn integer(count: u64) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)
 }

@@ -4,10 +4,10 @@
 //! a submitted job is written in the job's own transaction: were it a later one, a crash in between
 //! would make the repeated request submit a second job.
 
-use super::Store;
 use super::row::{Columns, to_json};
 use super::tombstones;
-use super::writer::Transaction;
+use crate::jobs::store::Store;
+use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{CloudId, Error, Job, JobId, Result, Tombstone};
 
 /// Makes [`Store::submit`] keep its answer under a key that was begun.
@@ -68,9 +68,6 @@ impl Subject {
 
 impl Store {
     /// Begins a key for a request with the given hash, or tells what is known about it.
-    ///
-    /// # Errors
-    /// As every write: `Busy`, `Full`, `Closed`, `Inconsistent`, `Database`.
     pub async fn idempotency_begin(
         &self,
         key: &str,
@@ -128,9 +125,6 @@ impl Store {
     }
 
     /// Whether a request with this key was answered; takes no lock and writes nothing.
-    ///
-    /// # Errors
-    /// As every read: `Busy`, `Closed`, `Database`.
     pub async fn idempotency_answered(&self, key: &str, scope: &str) -> Result<bool> {
         Ok(sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM idempotency
@@ -146,7 +140,7 @@ impl Store {
     /// a cloud is emptied with it, at once where that was erased meanwhile.
     ///
     /// # Errors
-    /// `Stale` if the key is not in flight, and as every write.
+    /// `Stale` if the key is not in flight.
     pub async fn idempotency_complete(
         &self,
         key: &str,
@@ -162,9 +156,6 @@ impl Store {
     }
 
     /// Forgets a request that was begun and came to nothing, so that it can be tried again.
-    ///
-    /// # Errors
-    /// As every write.
     pub async fn idempotency_abandon(&self, key: &str, scope: &str) -> Result<()> {
         let (key, scope) = (key.to_owned(), scope.to_owned());
         self.write(move |tx| {
@@ -184,9 +175,6 @@ impl Store {
 
     /// Forgets all requests in flight, and tells how many: at a server's start they are those that
     /// died with the last one.
-    ///
-    /// # Errors
-    /// As every write.
     pub async fn idempotency_abandon_all(&self) -> Result<u64> {
         self.write(|tx| {
             Box::pin(async move {
@@ -201,9 +189,6 @@ impl Store {
 
     /// Forgets all keys begun before the given time (milliseconds since the epoch), and tells how
     /// many.
-    ///
-    /// # Errors
-    /// As every write.
     pub async fn idempotency_prune(&self, before: i64) -> Result<u64> {
         self.write(move |tx| {
             Box::pin(async move {
@@ -220,11 +205,33 @@ impl Store {
 
 impl Transaction<'_> {
     /// Keeps the answer to the submission of a job.
-    pub(super) async fn keep_answer(&mut self, asked: Idempotency, job: &Job) -> Result<()> {
+    pub(in crate::jobs::store) async fn keep_answer(
+        &mut self,
+        asked: Idempotency,
+        job: &Job,
+    ) -> Result<()> {
         let response = (asked.respond)(job);
         let subject = Some(Subject::Job(job.id.clone()));
         self.complete(&asked.key, &asked.scope, subject, response)
             .await
+    }
+
+    /// Empties the answers that tell of what is erased. Their keys stay: a request that comes again
+    /// must not be done again.
+    pub(in crate::jobs::store) async fn empty_answers(&mut self, erased: &Subject) -> Result<()> {
+        let statement = match erased {
+            Subject::Job(_) => {
+                "UPDATE idempotency SET headers = '[]', body = x'' WHERE job_id = ?1"
+            }
+            Subject::Cloud(_) => {
+                "UPDATE idempotency SET headers = '[]', body = x'' WHERE cloud_id = ?1"
+            }
+        };
+        sqlx::query(statement)
+            .bind(erased.id())
+            .execute(&mut *self.db)
+            .await?;
+        Ok(())
     }
 
     async fn complete(

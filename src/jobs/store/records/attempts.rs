@@ -2,11 +2,11 @@
 
 use serde_json::json;
 
-use super::Store;
 use super::outcome::{Fence, Outcome};
 use super::row::integer;
-use super::writer::Transaction;
 use crate::jobs::attempt::sha256_hex;
+use crate::jobs::store::Store;
+use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{Claim, Error, JobId, NewMesh, Record, Result, Success, assessment};
 use crate::reconstruction::Phase;
 
@@ -14,7 +14,7 @@ impl Store {
     /// Writes progress, events, metrics and histograms together, or nothing.
     ///
     /// # Errors
-    /// `Stale`, and as every write: `Busy`, `Full`, `Closed`, `Database`.
+    /// `Stale` if the claim is over.
     pub async fn record(&self, claim: &Claim, record: Record) -> Result<()> {
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
         self.write(move |mut tx| Box::pin(async move { tx.record(&id, attempt, &record).await }))
@@ -25,7 +25,7 @@ impl Store {
     /// and the event `job.snapshot`.
     ///
     /// # Errors
-    /// `SnapshotAtZero`, `Stale`, and as every write.
+    /// `SnapshotAtZero`; `Stale` if the claim is over.
     pub async fn put_snapshot(&self, claim: &Claim, evaluation: u64, mesh: NewMesh) -> Result<()> {
         if evaluation == 0 {
             return Err(Error::SnapshotAtZero);
@@ -54,7 +54,7 @@ impl Store {
     /// transaction. A cancellation that was asked for meanwhile has lost the race.
     ///
     /// # Errors
-    /// `Stale`, and as every write; the job runs on as it was then.
+    /// `Stale` if the claim is over; the job runs on as it was then.
     pub async fn succeed(&self, claim: &Claim, success: Success) -> Result<()> {
         self.check_held(claim).await?;
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
@@ -132,7 +132,10 @@ impl Transaction<'_> {
     }
 
     /// Erases what an earlier attempt wrote after its last checkpoint, or all of it without one.
-    pub(super) async fn forget_after_checkpoint(&mut self, id: &JobId) -> Result<()> {
+    pub(in crate::jobs::store) async fn forget_after_checkpoint(
+        &mut self,
+        id: &JobId,
+    ) -> Result<()> {
         let evaluation: i64 =
             sqlx::query_scalar("SELECT evaluation FROM checkpoints WHERE job_id = ?1")
                 .bind(id.as_str())

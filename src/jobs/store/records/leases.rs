@@ -9,20 +9,17 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use super::Store;
 use super::jobs::job_of;
 use super::outcome::{Fence, Outcome};
 use super::row::{Columns, integer, to_json};
-use super::writer::Transaction;
+use crate::jobs::store::Store;
+use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{Claim, Error, FailureReason, Job, JobId, Lease, Problem, Result};
 
 impl Store {
     /// Takes the job that has waited longest, for `lease_ms` milliseconds, and writes `job.started`
     /// or `job.attempt_started`. Rows that an earlier attempt wrote after its last checkpoint are
     /// erased: this attempt writes them again.
-    ///
-    /// # Errors
-    /// As every write: `Busy`, `Full`, `Closed`, `Database`.
     pub async fn claim(&self, worker: &str, lease_ms: i64) -> Result<Option<Claim>> {
         // Looking at an empty queue does not take the write lock from others.
         if self.oldest_queued().await?.is_none() {
@@ -74,9 +71,6 @@ impl Store {
 
     /// Holds the job for another `lease_ms` milliseconds from now, notes how long all its attempts
     /// have worked by now, and asks whether it shall end.
-    ///
-    /// # Errors
-    /// As every write.
     pub async fn renew(&self, claim: &Claim, lease_ms: i64, worked: Duration) -> Result<Lease> {
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
         let worked_ms = integer(worked.as_millis() as u64);
@@ -104,7 +98,7 @@ impl Store {
     /// Ends the job with an error that another attempt would meet again.
     ///
     /// # Errors
-    /// `Stale`, and as every write.
+    /// `Stale` if the claim is over.
     pub async fn fail(&self, claim: &Claim, problem: Problem) -> Result<()> {
         self.end(claim, Outcome::Failed(problem)).await
     }
@@ -112,7 +106,7 @@ impl Store {
     /// Ends the job as a client asked for.
     ///
     /// # Errors
-    /// `Stale`, and as every write.
+    /// `Stale` if the claim is over.
     pub async fn cancelled(&self, claim: &Claim) -> Result<()> {
         self.end(claim, Outcome::Cancelled).await
     }
@@ -121,7 +115,7 @@ impl Store {
     /// instead.
     ///
     /// # Errors
-    /// `Stale`, and as every write.
+    /// `Stale` if the claim is over.
     pub async fn release(&self, claim: &Claim) -> Result<()> {
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
         self.write(move |mut tx| {
@@ -143,7 +137,7 @@ impl Store {
     /// if that was asked. The answer is the job afterwards.
     ///
     /// # Errors
-    /// `Stale` if that attempt does not run, and as every write.
+    /// `Stale` if that attempt does not run.
     pub async fn attempt_failed(
         &self,
         id: &JobId,
@@ -162,9 +156,6 @@ impl Store {
 
     /// Counts a failed attempt for every running job whose lease has run out, and names them. Jobs
     /// of the workers in `spared` are left alone: whoever sees them at work needs no lease.
-    ///
-    /// # Errors
-    /// As every write.
     pub async fn reap_expired(&self, spared: BTreeSet<String>) -> Result<Vec<JobId>> {
         // As in `claim`: the usual case takes no lock.
         let expired: bool = sqlx::query_scalar(
@@ -204,9 +195,6 @@ impl Store {
 
     /// Cuts leases that end later than `lease_ms` milliseconds from now, which no renewal gives: the
     /// clock was set back since, and a job whose worker is gone would wait for it.
-    ///
-    /// # Errors
-    /// As every write.
     pub async fn cut_leases(&self, lease_ms: i64) -> Result<u64> {
         let ahead: bool = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until > ?1)",
@@ -233,9 +221,6 @@ impl Store {
     }
 
     /// The running job that a worker of this name holds: what is to be settled when it dies.
-    ///
-    /// # Errors
-    /// As every read.
     pub async fn held_by(&self, worker: &str) -> Result<Option<Job>> {
         let row = sqlx::query("SELECT * FROM jobs WHERE status = 'running' AND worker = ?1")
             .bind(worker)
@@ -247,8 +232,8 @@ impl Store {
     /// Whether the claim is still good: asked before large content is written for it.
     ///
     /// # Errors
-    /// `Stale` if it is not, and as every read.
-    pub(super) async fn check_held(&self, claim: &Claim) -> Result<()> {
+    /// `Stale` if it is not.
+    pub(in crate::jobs::store) async fn check_held(&self, claim: &Claim) -> Result<()> {
         let held: bool = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM jobs
                             WHERE id = ?1 AND attempt = ?2 AND status = 'running')",
@@ -288,7 +273,7 @@ impl Transaction<'_> {
     ///
     /// # Errors
     /// `Stale` if it does not.
-    pub(super) async fn held(&mut self, id: &JobId, attempt: i64) -> Result<Job> {
+    pub(in crate::jobs::store) async fn held(&mut self, id: &JobId, attempt: i64) -> Result<Job> {
         let row =
             sqlx::query("SELECT * FROM jobs WHERE id = ?1 AND attempt = ?2 AND status = 'running'")
                 .bind(id.as_str())

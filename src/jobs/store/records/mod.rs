@@ -1,0 +1,14 @@
+//! The rows, one file a noun.
+
+pub(in crate::jobs::store) mod attempts;
+pub(in crate::jobs::store) mod checkpoints;
+pub(in crate::jobs::store) mod clouds;
+pub(in crate::jobs::store) mod events;
+pub(in crate::jobs::store) mod idempotency;
+pub(in crate::jobs::store) mod jobs;
+pub(in crate::jobs::store) mod leases;
+pub(in crate::jobs::store) mod meshes;
+pub(in crate::jobs::store) mod metrics;
+pub(in crate::jobs::store) mod outcome;
+pub(in crate::jobs::store) mod row;
+pub(in crate::jobs::store) mod tombstones;

@@ -1,0 +1,127 @@
+//! How the databases are opened, migrated, written and cleaned.
+//!
+//! The migrations run inside one IMMEDIATE transaction, so that processes that open a new folder at
+//! the same moment do not both create the tables.
+
+pub(in crate::jobs::store) mod origin;
+pub(in crate::jobs::store) mod shredder;
+pub(in crate::jobs::store) mod writer;
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use sqlx::migrate::{Migration, MigrationType, Migrator};
+use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
+use sqlx::{ConnectOptions, SqlSafeStr, SqliteConnection};
+
+use crate::jobs::store::Options;
+use crate::jobs::{Error, Result};
+
+/// The write-ahead log is cut to this size after a checkpoint.
+const LOG_LIMIT_BYTES: &str = "8388608";
+
+/// Busy timeouts that opening waits while other processes open the same database.
+pub(in crate::jobs::store) const OPENING: u32 = 4;
+
+/// Pause between two tries of that.
+const PAUSE: Duration = Duration::from_millis(20);
+
+/// How a database is opened.
+pub(in crate::jobs::store) fn connect_options(
+    file: &Path,
+    options: &Options,
+) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(file)
+        .foreign_keys(true)
+        .busy_timeout(options.busy_timeout)
+        .disable_statement_logging()
+}
+
+/// How it is opened to be written.
+pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteConnectOptions {
+    connect
+        .clone()
+        .create_if_missing(true)
+        .auto_vacuum(SqliteAutoVacuum::Incremental)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .pragma("journal_size_limit", LOG_LIMIT_BYTES)
+        // What a user erases is overwritten: meshes of patients do not stay in free pages.
+        .pragma("secure_delete", "ON")
+}
+
+/// Names and texts of the migrations, in their order.
+pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
+
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 7] = [
+    ("init", include_str!("../../../../migrations/0001_init.sql")),
+    (
+        "erased_clouds",
+        include_str!("../../../../migrations/0002_erased_clouds.sql"),
+    ),
+    (
+        "answers_about_clouds",
+        include_str!("../../../../migrations/0003_answers_about_clouds.sql"),
+    ),
+    (
+        "jobs_by_verdict",
+        include_str!("../../../../migrations/0004_jobs_by_verdict.sql"),
+    ),
+    (
+        "metrics_of_blocks",
+        include_str!("../../../../migrations/0005_metrics_of_blocks.sql"),
+    ),
+    ("work", include_str!("../../../../migrations/0006_work.sql")),
+    (
+        "objects",
+        include_str!("../../../../migrations/0007_objects.sql"),
+    ),
+];
+
+/// A connection to the database, migrated. SQLite refuses to change the journal of a new database while another
+/// process does so, without waiting; and migrations of several processes take their time one after the other.
+pub(in crate::jobs::store) async fn migrated(
+    options: &SqliteConnectOptions,
+    migrations: &Migrations,
+    patience: Duration,
+) -> Result<SqliteConnection> {
+    let once = async || -> Result<SqliteConnection> {
+        let mut db = options.connect().await?;
+        migrate(&mut db, migrations).await?;
+        Ok(db)
+    };
+    let start = Instant::now();
+    loop {
+        match once().await {
+            Err(Error::Busy) if start.elapsed() < patience => tokio::time::sleep(PAUSE).await,
+            result => return result,
+        }
+    }
+}
+
+async fn migrate(db: &mut SqliteConnection, migrations: &Migrations) -> Result<()> {
+    let migrator = Migrator::with_migrations(
+        (1..)
+            .zip(migrations)
+            .map(|(version, &(name, sql))| {
+                // No transaction of its own: it runs inside the one below.
+                let own_transaction = true;
+                Migration::new(
+                    version,
+                    name.into(),
+                    MigrationType::Simple,
+                    sql.into_sql_str(),
+                    own_transaction,
+                )
+            })
+            .collect(),
+    );
+    sqlx::query("BEGIN IMMEDIATE").execute(&mut *db).await?;
+    if let Err(error) = migrator.run_direct(None, db, false).await {
+        sqlx::query("ROLLBACK").execute(&mut *db).await?;
+        return Err(error.into());
+    }
+    sqlx::query("COMMIT").execute(db).await?;
+    Ok(())
+}
