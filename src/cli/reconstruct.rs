@@ -13,7 +13,7 @@ use crate::reconstruction::cloud::{Label, PointCloud};
 use crate::reconstruction::mesh::write::{Format, holds, write};
 use crate::reconstruction::report::Verdict;
 use crate::reconstruction::settings::assignments;
-use crate::reconstruction::training::Metrics;
+use crate::reconstruction::training::{Column, csv};
 use crate::reconstruction::{
     Event, Input, Observer, Preset, Reconstruction, Report, Settings, Warning, in_pool,
     reconstruct, set_threads,
@@ -289,7 +289,8 @@ impl Sinks {
             report.write(|out| json(out, &result.report))?;
         }
         if let Some(metrics) = &self.metrics {
-            metrics.write(|out| csv(out, &progress.metrics()))?;
+            metrics
+                .write(|out| out.write_all(csv(&Column::ALL, &progress.metrics()).as_bytes()))?;
         }
         if let Some(gradients) = &self.gradients {
             gradients.write(|out| json(out, &*progress.gradients()))?;
@@ -348,35 +349,4 @@ fn format(mesh: &Sink, asked: Option<&str>) -> Result<Format, Failure> {
 fn json(out: &mut dyn Write, value: &impl serde::Serialize) -> io::Result<()> {
     serde_json::to_writer_pretty(&mut *out, value)?;
     out.write_all(b"\n")
-}
-
-fn csv(out: &mut dyn Write, metrics: &[Metrics]) -> io::Result<()> {
-    write!(
-        out,
-        "iteration,evaluation,loss,validation_loss,gradient_norm,step_length"
-    )?;
-    let layers = metrics.first().map_or(0, |m| m.weight_norms.len());
-    for layer in 0..layers {
-        write!(out, ",weight_norm_{layer}")?;
-    }
-    writeln!(out, ",blocks")?;
-    for m in metrics {
-        let validation = m
-            .validation_loss
-            .map(|loss| loss.to_string())
-            .unwrap_or_default();
-        write!(
-            out,
-            "{},{},{},{validation},{},{}",
-            m.iteration, m.evaluation, m.loss, m.gradient_norm, m.step_length
-        )?;
-        // Rows of blocks have no norms.
-        for layer in 0..layers {
-            let norm = m.weight_norms.get(layer).map(f64::to_string);
-            write!(out, ",{}", norm.unwrap_or_default())?;
-        }
-        let blocks = m.blocks.map(|count| count.to_string());
-        writeln!(out, ",{}", blocks.unwrap_or_default())?;
-    }
-    Ok(())
 }

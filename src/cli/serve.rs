@@ -11,10 +11,11 @@ use tokio_util::sync::CancellationToken;
 
 use super::data_folder::DataFolder;
 use super::files::Sink;
+use super::worker::Orders;
 use super::{Cli, Failure, Substitute, logging};
 use crate::config::{Config, file_arguments};
 use crate::http::{self, App};
-use crate::jobs::{Store, Supervisor, store, supervisor};
+use crate::jobs::{Store, Supervisor, store, supervisor, worker};
 
 /// How long workers may take to give their jobs back at the end; then they are killed. With the ten
 /// seconds that requests have after that it stays below the longest end.
@@ -119,7 +120,9 @@ async fn serve(
     let shutdown = CancellationToken::new();
     let options = supervisor::Options {
         program: program.clone(),
-        arguments: worker_arguments(arguments, cores, substitute),
+        arguments: worker_arguments(arguments, substitute),
+        orders: serde_json::to_string(&orders(arguments, cores))
+            .map_err(|error| Failure::Output(format!("orders of the workers: {error}")))?,
         workers: config.workers,
         memory_limit_bytes: config.worker_memory_bytes(),
         drain: DRAIN,
@@ -158,35 +161,29 @@ async fn serve(
     Ok(())
 }
 
-fn worker_arguments(
-    arguments: &Arguments,
-    cores: usize,
-    substitute: Option<&Substitute>,
-) -> Vec<OsString> {
-    let config = &arguments.config;
-    let number = |name: &str, value: u64| OsString::from(format!("--{name}={value}"));
-    let format = match config.log_format {
-        crate::config::LogFormat::Text => "text",
-        crate::config::LogFormat::Json => "json",
-    };
-    let mut line = vec![
-        "worker".into(),
-        "--data-dir".into(),
-        config.data_dir.clone().into_os_string(),
-        number("threads", config.worker_threads(cores) as u64),
-        number(
-            "job-time-limit-seconds",
-            config.job_time_limit_seconds.into(),
-        ),
-        number("checkpoint-seconds", config.checkpoint_seconds.into()),
-        number("max-events", config.max_events.into()),
-        number("max-metrics", config.max_metrics.into()),
-        number("grace-milliseconds", arguments.grace_milliseconds.into()),
-        format!("--log-format={format}").into(),
-        format!("--log={}", config.log).into(),
-    ];
+/// The command line of workers, less the slot.
+fn worker_arguments(arguments: &Arguments, substitute: Option<&Substitute>) -> Vec<OsString> {
+    let folder = arguments.config.data_dir.clone().into_os_string();
+    let mut line = vec!["worker".into(), "--data-dir".into(), folder];
     line.extend(substitute.map(|substitute| substitute.flag.clone()));
     line
+}
+
+/// What workers are told first.
+fn orders(arguments: &Arguments, cores: usize) -> Orders {
+    let config = &arguments.config;
+    Orders {
+        options: worker::Options {
+            threads: config.worker_threads(cores),
+            time_limit: Duration::from_secs(config.job_time_limit_seconds.into()),
+            checkpoint_interval: Duration::from_secs(config.checkpoint_seconds.into()),
+            grace: Duration::from_millis(arguments.grace_milliseconds.into()),
+            events_limit: config.max_events.into(),
+            metrics_limit: config.max_metrics.into(),
+        },
+        log_format: config.log_format,
+        log: config.log.clone(),
+    }
 }
 
 fn end_on_signals(shutdown: &CancellationToken) -> Result<(), Failure> {

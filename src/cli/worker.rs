@@ -1,12 +1,13 @@
 //! `meshway worker`: one worker process of a service; started by `meshway serve`, not by hand.
 
-use std::io::{Read, Write, stdin, stdout};
+use std::io::{BufRead, Read, Write, stdin, stdout};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
 use rustix::process::{Signal, getpid, kill_process, nice};
+use serde::{Deserialize, Serialize};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 use tokio::time::MissedTickBehavior;
@@ -25,7 +26,8 @@ const NICENESS: i32 = 5;
 /// Time between two signs of life.
 const BEAT: Duration = Duration::from_secs(1);
 
-/// Arguments of `meshway worker`.
+/// Arguments of `meshway worker`: what tells an operator whose process it is. The rest are
+/// [`Orders`].
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     /// The folder of the service.
@@ -34,48 +36,49 @@ pub(super) struct Arguments {
     /// Number of the worker among those of its service.
     #[arg(long)]
     slot: u16,
-    /// Threads to compute with.
-    #[arg(long)]
-    threads: usize,
-    /// Longest time of one job in seconds, over its attempts.
-    #[arg(long)]
-    job_time_limit_seconds: u32,
-    /// Seconds between checkpoints of a training run.
-    #[arg(long)]
-    checkpoint_seconds: u32,
-    /// Most events kept for a job.
-    #[arg(long)]
-    max_events: u32,
-    /// Most metric rows kept for a job.
-    #[arg(long)]
-    max_metrics: u32,
-    /// How long a computation may take to stop.
-    #[arg(long)]
-    grace_milliseconds: u32,
+}
+
+/// What the server says first, in one line of JSON on standard input.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Orders {
+    /// How to work.
+    #[serde(flatten)]
+    pub(super) options: Options,
     /// Format of the log.
-    #[arg(long, value_enum)]
-    log_format: LogFormat,
+    pub(super) log_format: LogFormat,
     /// What is logged.
-    #[arg(long)]
-    log: String,
+    pub(super) log: String,
+}
+
+impl Orders {
+    fn read() -> Result<Self, Failure> {
+        let mut line = String::new();
+        let read = stdin().lock().read_line(&mut line);
+        read.map_err(|error| Failure::Output(format!("no orders: {error}")))?;
+        serde_json::from_str(&line).map_err(|error| {
+            let detail = format!("orders are one line of JSON on standard input: {error}");
+            Failure::Usage(detail)
+        })
+    }
 }
 
 pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Result<(), Failure> {
-    logging::start(arguments.log_format, &arguments.log)?;
+    let orders = Orders::read()?;
+    logging::start(orders.log_format, &orders.log)?;
     if let Err(error) = nice(NICENESS) {
         tracing::warn!(error.message = %error, "the worker runs at the server's priority");
     }
     let work: Arc<Work> = if let Some(substitute) = substitute {
         Arc::clone(&substitute.work)
     } else {
-        set_threads(arguments.threads).map_err(|error| Failure::Usage(error.to_string()))?;
+        set_threads(orders.options.threads).map_err(|error| Failure::Usage(error.to_string()))?;
         Arc::new(reconstruction)
     };
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
         .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
-    if runtime.block_on(work_on(arguments, work))? == End::Hung {
+    if runtime.block_on(work_on(arguments, orders.options, work))? == End::Hung {
         // Exit handlers would wait for the thread that does not stop.
         kill_process(getpid(), Signal::KILL)
             .map_err(|error| Failure::Output(format!("the worker cannot end: {error}")))?;
@@ -83,31 +86,26 @@ pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Res
     Ok(())
 }
 
-async fn work_on(arguments: &Arguments, work: Arc<Work>) -> Result<End, Failure> {
+async fn work_on(arguments: &Arguments, options: Options, work: Arc<Work>) -> Result<End, Failure> {
     let stopping = CancellationToken::new();
     let wake = listen(&stopping)?;
     let name = worker_name(arguments.slot, std::process::id());
-    let options = store::Options {
-        events_limit: i64::from(arguments.max_events),
-        metrics_limit: i64::from(arguments.max_metrics),
+    let limits = store::Options {
+        events_limit: options.events_limit,
+        metrics_limit: options.metrics_limit,
         process: name.clone(),
         ..store::Options::default()
     };
     let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
-    let store = Store::open(&arguments.data_dir, options)
+    let store = Store::open(&arguments.data_dir, limits)
         .await
         .map_err(failed)?;
     let worker = Worker {
+        name,
+        data_dir: arguments.data_dir.clone(),
         store: store.clone(),
         work,
-        options: Options {
-            name,
-            data_dir: arguments.data_dir.clone(),
-            time_limit: Duration::from_secs(arguments.job_time_limit_seconds.into()),
-            checkpoint_interval: Duration::from_secs(arguments.checkpoint_seconds.into()),
-            grace: Duration::from_millis(arguments.grace_milliseconds.into()),
-            metrics_limit: arguments.max_metrics.into(),
-        },
+        options,
         signals: Signals {
             wake,
             stopping,

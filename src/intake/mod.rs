@@ -17,7 +17,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::reconstruction::cloud::{self, Format};
 use size::Size;
-pub use summary::{Summary, Verdict, inspect, limits};
+pub use summary::{Notice, Summary, Verdict, inspect, limits};
 
 /// Most bytes that one received byte may become, of an encoded body and of a gzipped file in it.
 pub const MAX_EXPANSION: u64 = 100;

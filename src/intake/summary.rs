@@ -1,9 +1,9 @@
 //! What the reading of a file found.
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use super::MAX_EXPANSION;
+use crate::reconstruction::Warning;
 use crate::reconstruction::cloud::{self, Format};
 use crate::reconstruction::vector::Bounds;
 
@@ -24,8 +24,26 @@ pub struct Summary {
     pub labels: cloud::Counts,
     /// Points that were left out because a coordinate is not finite.
     pub dropped_non_finite: u64,
-    /// What the user should know: objects with `code` and `message`.
-    pub warnings: Vec<Value>,
+    /// What the user should know.
+    pub warnings: Vec<Notice>,
+}
+
+/// A [`Warning`] as it is kept.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Notice {
+    /// Stable `snake_case` name.
+    pub code: String,
+    /// One sentence.
+    pub message: String,
+}
+
+impl From<&Warning> for Notice {
+    fn from(warning: &Warning) -> Self {
+        Self {
+            code: warning.code.to_owned(),
+            message: warning.message.clone(),
+        }
+    }
 }
 
 /// Reads and checks a file.
@@ -48,11 +66,7 @@ pub fn inspect(
         normals: cloud.normals.is_some(),
         labels: cloud.counts(),
         dropped_non_finite: source.dropped_non_finite as u64,
-        warnings: source
-            .warnings
-            .iter()
-            .map(|warning| serde_json::json!(warning))
-            .collect(),
+        warnings: source.warnings.iter().map(Notice::from).collect(),
     })
 }
 

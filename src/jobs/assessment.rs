@@ -3,48 +3,90 @@
 //! The report is the one place where these are kept. Reports of earlier versions have no verdict,
 //! and what is missing in a report is null here.
 
-use serde_json::{Map, Value, json};
+use serde::Serialize;
+use serde_json::Value;
 
+use crate::intake::Notice;
 use crate::reconstruction::report::Verdict;
 
-/// The members of a job's JSON that its report gives: `verdict`, `verdict_reasons`, `warnings` and
-/// `mesh`, each null without a report and where the report has none.
-pub fn members(report: Option<&Value>) -> Map<String, Value> {
-    let report = report.unwrap_or(&Value::Null);
-    let list = |name: &str| match &report[name] {
-        Value::Array(items) => Value::Array(items.clone()),
-        _ => Value::Null,
-    };
-    let members = [
-        ("verdict", json!(Verdict::of(report))),
-        ("verdict_reasons", list("verdict_reasons")),
-        ("warnings", list("warnings")),
-        ("mesh", mesh(report)),
-    ];
-    let named = members.map(|(name, value)| (name.to_owned(), value));
-    named.into_iter().collect()
+/// What a report says in short.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Assessment {
+    /// How far the mesh can be relied on.
+    pub verdict: Option<Verdict>,
+    /// What speaks against it.
+    pub verdict_reasons: Option<Vec<Notice>>,
+    /// What the user should know.
+    pub warnings: Option<Vec<Notice>>,
+    /// What the mesh is.
+    pub mesh: Option<MeshSummary>,
 }
 
-/// What the mesh is, in a few numbers.
-fn mesh(report: &Value) -> Value {
-    let measured = &report["mesh"];
-    if !measured["vertices"].is_u64() || !measured["triangles"].is_u64() {
-        return Value::Null;
+/// A mesh in a few numbers.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MeshSummary {
+    /// Number of vertices.
+    pub vertices: u64,
+    /// Number of triangles.
+    pub triangles: u64,
+    /// Number of connected pieces.
+    pub components: Option<u64>,
+    /// Whether it has no border.
+    pub closed: Option<bool>,
+    /// Number of handles, where it is closed.
+    pub genus: Option<i64>,
+    /// Enclosed volume, where it is closed.
+    pub volume: Option<f64>,
+    /// Share of its area without points near by.
+    pub unsupported_area_percent: Option<f64>,
+    /// How sure the directions of the normals are.
+    pub orientation_confidence: Option<f64>,
+}
+
+impl Assessment {
+    /// That of a report; all null without one.
+    pub fn of(report: Option<&Value>) -> Self {
+        let report = report.unwrap_or(&Value::Null);
+        Self {
+            verdict: Verdict::of(report),
+            verdict_reasons: notices(&report["verdict_reasons"]),
+            warnings: notices(&report["warnings"]),
+            mesh: MeshSummary::of(report),
+        }
     }
-    json!({
-        "vertices": measured["vertices"],
-        "triangles": measured["triangles"],
-        "components": measured["components"],
-        "closed": measured["closed"],
-        "genus": measured["genus"],
-        "volume": measured["volume"],
-        "unsupported_area_percent": report["surface"]["unsupported_area_percent"],
-        "orientation_confidence": report["cloud"]["orientation_confidence"],
-    })
+}
+
+impl MeshSummary {
+    fn of(report: &Value) -> Option<Self> {
+        let measured = &report["mesh"];
+        Some(Self {
+            vertices: measured["vertices"].as_u64()?,
+            triangles: measured["triangles"].as_u64()?,
+            components: measured["components"].as_u64(),
+            closed: measured["closed"].as_bool(),
+            genus: measured["genus"].as_i64(),
+            volume: measured["volume"].as_f64(),
+            unsupported_area_percent: report["surface"]["unsupported_area_percent"].as_f64(),
+            orientation_confidence: report["cloud"]["orientation_confidence"].as_f64(),
+        })
+    }
+}
+
+fn notices(list: &Value) -> Option<Vec<Notice>> {
+    let notice = |item: &Value| {
+        let text = |name: &str| item[name].as_str().unwrap_or_default().to_owned();
+        Notice {
+            code: text("code"),
+            message: text("message"),
+        }
+    };
+    Some(list.as_array()?.iter().map(notice).collect())
 }
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     #[test]
@@ -57,16 +99,16 @@ mod tests {
 
     #[test]
     fn what_a_report_does_not_say_is_null() {
-        let nothing = members(None);
-        assert_eq!(nothing.len(), 4);
+        let nothing = json!(Assessment::of(None));
+        let members = nothing.as_object().unwrap();
+        assert!(members.len() == 4 && members.values().all(Value::is_null));
         for report in [
             json!({}),
             json!(null),
             json!({"verdict": "splendid", "verdict_reasons": {}, "warnings": 1, "mesh": []}),
             json!({"verdict": null, "mesh": {"closed": true}}),
         ] {
-            assert_eq!(members(Some(&report)), nothing, "{report}");
+            assert_eq!(json!(Assessment::of(Some(&report))), nothing, "{report}");
         }
-        assert!(nothing.values().all(Value::is_null));
     }
 }

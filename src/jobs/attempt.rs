@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
+use super::event::NewEvent;
 use super::{Job, JobId};
 use crate::reconstruction::Phase;
 use crate::reconstruction::training::{GradientHistogram, Metrics};
@@ -62,25 +63,6 @@ pub struct Record {
     pub metrics: Vec<Metrics>,
     /// Gradient histograms; one whose evaluation is there already is left out.
     pub gradients: Vec<GradientHistogram>,
-}
-
-/// An event that is to be written; the store gives it its id, time and attempt.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NewEvent {
-    /// Kind: `job.phase`, `job.progress`, `training.metrics`, `job.warning`.
-    pub event: String,
-    /// What the kind carries: a JSON object.
-    pub data: Value,
-}
-
-impl NewEvent {
-    /// An event of the given kind.
-    pub fn new(event: impl Into<String>, data: Value) -> Self {
-        Self {
-            event: event.into(),
-            data,
-        }
-    }
 }
 
 /// An encoded mesh on its way into the store.

@@ -1,8 +1,7 @@
 //! An uploaded cloud as the service knows it: the bytes are a file, the rest is a row.
 
-use serde_json::Value;
-
 use super::CloudId;
+use crate::intake::Summary;
 
 /// A cloud as its row has it; its bytes are the file `clouds/<sha256>` of the data folder.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,12 +12,8 @@ pub struct Cloud {
     pub sha256: String,
     /// Number of bytes.
     pub bytes: u64,
-    /// Format, by its short name (`ply`, `xyz`, …).
-    pub format: String,
-    /// Number of points that are used.
-    pub points: u64,
-    /// What the upload found: bounds, normals, labels, warnings. A JSON object.
-    pub summary: Value,
+    /// What the upload found.
+    pub summary: Summary,
     /// When it was first uploaded, in milliseconds since the epoch.
     pub created_at: i64,
 }
@@ -30,12 +25,8 @@ pub struct NewCloud {
     pub sha256: String,
     /// Number of bytes.
     pub bytes: u64,
-    /// Format, by its short name.
-    pub format: String,
-    /// Number of points that are used.
-    pub points: u64,
-    /// What the upload found: a JSON object.
-    pub summary: Value,
+    /// What the upload found.
+    pub summary: Summary,
 }
 
 /// What became of the wish to erase a cloud.

@@ -29,6 +29,7 @@ mod attempt;
 pub mod clock;
 mod cloud;
 mod error;
+mod event;
 mod id;
 mod job;
 pub mod store;
@@ -36,16 +37,14 @@ pub mod supervisor;
 pub mod worker;
 
 pub use crate::reconstruction::report::Verdict;
-pub use attempt::{
-    Claim, FailureReason, Fault, Lease, NewEvent, NewMesh, Problem, Record, Success,
-};
+pub use attempt::{Claim, FailureReason, Fault, Lease, NewMesh, Problem, Record, Success};
 pub use cloud::{Cloud, CloudDeletion, NewCloud};
 pub use error::Error;
+pub use event::{Event, EventKind, NewEvent, Requeue};
 pub use id::{CloudId, InvalidId, JobId};
 pub use job::{Counts, Job, JobFilter, Lookup, NewJob, Status, Tombstone};
 pub use store::{
-    Checkpoint, Event, Idempotency, IdempotencyState, MeshInfo, Options, Store, StoredResponse,
-    Subject,
+    Checkpoint, Idempotency, IdempotencyState, MeshInfo, Options, Store, StoredResponse, Subject,
 };
 
 pub use supervisor::{Supervisor, Workers};

@@ -6,6 +6,7 @@ use std::path::Path;
 use axum::body::Body;
 use axum::http::Request;
 use meshway::jobs::{NewEvent, NewMesh, Options, Record, Store, Success};
+use meshway::reconstruction::Warning;
 use serde_json::{Value, json};
 
 use crate::erasure::holds;
@@ -29,10 +30,7 @@ fn content(kind: &str) -> Vec<u8> {
 
 fn record(kind: &str) -> Record {
     Record {
-        events: vec![NewEvent::new(
-            "job.warning",
-            json!({"detail": marker(kind)}),
-        )],
+        events: vec![NewEvent::Warning(Warning::new("odd", marker(kind)))],
         ..Record::default()
     }
 }

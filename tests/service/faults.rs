@@ -5,12 +5,14 @@ use std::fs;
 use std::process::Stdio;
 use std::time::Duration;
 
+use meshway::jobs::worker::Options;
 use meshway::jobs::{FailureReason, Job, Status};
 use rustix::process::{Signal, kill_process, test_kill_process};
 use serde_json::json;
 use sqlx::Connection as _;
+use tokio::io::AsyncWriteExt as _;
 
-use crate::server::{Folder, PATIENCE, PROGRAM, until};
+use crate::server::{Folder, PATIENCE, SCRIPTED, until};
 use crate::wire::Connection;
 
 /// A killed worker's job runs again within so long; ten seconds are promised.
@@ -264,30 +266,28 @@ async fn a_stopped_worker_is_killed_and_its_job_runs_again() {
 async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
     let folder = Folder::new().await;
     // Without a server, so that nobody kills it.
-    let mut worker = tokio::process::Command::new(PROGRAM)
-        .args([
-            "worker",
-            "--slot=0",
-            "--threads=1",
-            "--job-time-limit-seconds=60",
-        ])
-        .args([
-            "--checkpoint-seconds=10",
-            "--max-events=1000",
-            "--max-metrics=1000",
-        ])
-        .args([
-            "--grace-milliseconds=10000",
-            "--script=sleep:5",
-            "--log-format=text",
-        ])
-        .args(["--log=off", "--data-dir"])
+    let mut worker = tokio::process::Command::new(SCRIPTED)
+        .args(["worker", "--slot=0", "--script=sleep:5", "--data-dir"])
         .arg(folder.path())
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .kill_on_drop(true)
         .spawn()
         .unwrap();
+    let mut orders = serde_json::to_value(Options {
+        threads: 1,
+        time_limit: Duration::from_mins(1),
+        checkpoint_interval: Duration::from_secs(10),
+        grace: Duration::from_secs(10),
+        events_limit: 1_000,
+        metrics_limit: 1_000,
+    })
+    .unwrap();
+    orders["log_format"] = json!("text");
+    orders["log"] = json!("off");
+    let input = worker.stdin.as_mut().unwrap();
+    let line = format!("{orders}\n");
+    input.write_all(line.as_bytes()).await.unwrap();
     let id = folder.submit(json!({})).await;
     let pid = folder.running(&id).await;
     let store = &folder.store;

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use meshway::jobs::store::DATABASE_FILE;
 use meshway::jobs::{CloudId, Event, Job, JobId, NewCloud, NewJob, Status, Store, store::Options};
+use meshway::reconstruction::cloud::Format;
 use meshway::reconstruction::settings::{Preset, Settings};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
@@ -17,6 +18,7 @@ use sqlx::{ConnectOptions, SqliteConnection};
 use tempfile::TempDir;
 
 use crate::http::support::sphere_xyz;
+use crate::store::support::summary;
 
 /// How long anything may take on a busy machine before a test gives up.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(4);
@@ -49,9 +51,7 @@ impl Folder {
         let new = NewCloud {
             sha256,
             bytes: bytes.len() as u64,
-            format: "xyz".to_owned(),
-            points: POINTS as u64,
-            summary: json!({}),
+            summary: summary(Format::Xyz, POINTS as u64),
         };
         let (cloud, _) = store.insert_cloud(new).await.unwrap();
         Self {
@@ -149,11 +149,7 @@ impl Folder {
         let events = self.store.events_after(id, 0, 100_000).await.unwrap();
         let ids: Vec<i64> = events.iter().map(|event| event.id).collect();
         assert_eq!(ids, (1..=events.len() as i64).collect::<Vec<_>>());
-        let last = |event: &Event| {
-            let ends = ["job.succeeded", "job.failed", "job.cancelled"];
-            ends.contains(&event.event.as_str())
-        };
-        if let Some(end) = events.iter().position(last) {
+        if let Some(end) = events.iter().position(|event| event.kind.is_last()) {
             assert_eq!(end + 1, events.len(), "{events:?}");
         }
         events

@@ -348,7 +348,7 @@ async fn audit(site: &Site) -> BTreeMap<String, u32> {
 /// A job that ended: once, for a reason, and with all that belongs to its end.
 async fn check(site: &Site, book: &Book, job: &Job) {
     let events = site.folder.events(&job.id).await;
-    let last = events.last().map(|event| event.event.clone());
+    let last = events.last().map(|event| event.kind.name().to_owned());
     assert_eq!(last, Some(format!("job.{}", job.status.name())), "{job:?}");
     assert!(job.failures <= 3, "{job:?}");
     match job.status {

@@ -3,7 +3,7 @@
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use meshway::jobs::Status;
+use meshway::jobs::{EventKind, Status};
 use meshway::reconstruction::Model;
 use meshway::reconstruction::Phase;
 use rustix::process::{Signal, kill_process};
@@ -67,11 +67,11 @@ async fn a_job_becomes_a_mesh_a_report_and_a_model() {
     let events = folder.events(&id).await;
     let phases: Vec<_> = events
         .iter()
-        .filter(|event| event.event == "job.phase")
+        .filter(|event| event.kind == EventKind::Phase)
         .map(|event| event.data["phase"].as_str().unwrap())
         .collect();
     assert_eq!(phases, ["sampling", "training", "surface", "report"]);
-    assert_eq!(events.last().unwrap().event, "job.succeeded");
+    assert_eq!(events.last().unwrap().kind, EventKind::Succeeded);
 }
 
 #[tokio::test]

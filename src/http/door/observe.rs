@@ -1,40 +1,22 @@
 //! Around every request: an id, a span, one line of log, the metrics, and no panic that leaves.
 
+use std::any::Any;
 use std::panic::AssertUnwindSafe;
 use std::time::Instant;
 
 use axum::body::Body;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::header::RANGE;
-use axum::http::{HeaderName, HeaderValue, Method};
+use axum::http::{HeaderValue, Method};
 use axum::middleware::Next;
-use axum::response::Response;
+use axum::response::{IntoResponse, Response};
 use futures_util::FutureExt;
 use tracing::Instrument;
 
 use crate::http::AppState;
 use crate::http::door::places::Peer;
 use crate::http::wire::error::{ApiError, Code};
-
-const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
-
-/// Longest id that is taken over from a client.
-const MAX_ID_LENGTH: usize = 128;
-
-/// The id of a request: the client's if it is plain text, else a new one.
-#[derive(Debug, Clone)]
-pub(in crate::http) struct RequestId(pub(in crate::http) String);
-
-impl RequestId {
-    fn of(request: &Request) -> Self {
-        let plain = |id: &&str| {
-            (1..=MAX_ID_LENGTH).contains(&id.len()) && id.bytes().all(|b| b.is_ascii_graphic())
-        };
-        let given = request.headers().get(REQUEST_ID);
-        let given = given.and_then(|id| id.to_str().ok()).filter(plain);
-        Self(given.map_or_else(|| uuid::Uuid::now_v7().simple().to_string(), str::to_owned))
-    }
-}
+use crate::http::wire::request_id::{self, REQUEST_ID};
 
 /// The layer. Neither names of files nor bodies are logged, and no query: labels may be in it.
 pub(in crate::http) async fn observe(
@@ -43,8 +25,7 @@ pub(in crate::http) async fn observe(
     next: Next,
 ) -> Response {
     let started = Instant::now();
-    let id = RequestId::of(&request);
-    request.extensions_mut().insert(id.clone());
+    let id = request_id::of(&request);
     let method = known(request.method());
     if method == "HEAD" {
         // Ranges are for GET (RFC 9110 section 14.2).
@@ -62,35 +43,29 @@ pub(in crate::http) async fn observe(
     let peer = request.extensions().get::<Peer>().map(|peer| peer.0);
     let span = tracing::info_span!(
         "request",
-        http.request.id = id.0,
+        http.request.id = id,
         http.method = method,
         http.route = route,
         url.path = path,
         client.address = peer.map(tracing::field::display),
         trace.parent = traceparent.and_then(|parent| parent.to_str().ok()),
     );
-    let handled = AssertUnwindSafe(next.run(request))
-        .catch_unwind()
-        .instrument(span.clone())
-        .await;
+    let handled = async {
+        let answered = AssertUnwindSafe(next.run(request)).catch_unwind().await;
+        answered.unwrap_or_else(|panic| panicked(&*panic))
+    };
+    let handled = request_id::within(id.clone(), handled);
+    let mut response = handled.instrument(span.clone()).await;
     let _entered = span.enter();
-    let mut response = handled.unwrap_or_else(|panic| {
-        let message = panic
-            .downcast_ref::<&str>()
-            .copied()
-            .or_else(|| panic.downcast_ref::<String>().map(String::as_str))
-            .unwrap_or("no message");
-        axum::response::IntoResponse::into_response(ApiError::internal(format_args!(
-            "a handler panicked: {message}"
-        )))
-    });
-    if let Some(error) = response.extensions_mut().remove::<ApiError>() {
-        if error.code() == Code::DatabaseBusy {
+    if let Some(code) = response.extensions_mut().remove::<Code>() {
+        if code == Code::DatabaseBusy {
             app.gauges.database_busy();
         }
-        response = complete(response, error, &id, method);
+        if method == "HEAD" {
+            *response.body_mut() = Body::empty();
+        }
     }
-    if let Ok(value) = HeaderValue::from_str(&id.0) {
+    if let Ok(value) = HeaderValue::from_str(&id) {
         response.headers_mut().insert(REQUEST_ID, value);
     }
     let status = response.status().as_u16();
@@ -105,20 +80,14 @@ pub(in crate::http) async fn observe(
     response
 }
 
-/// The problem again, now with the request's id; headers that were added since stay.
-fn complete(response: Response, error: ApiError, id: &RequestId, method: &str) -> Response {
-    let (parts, _) = response.into_parts();
-    let mut again = error.respond(Some(&id.0));
-    again.extensions_mut().remove::<ApiError>();
-    for (name, value) in &parts.headers {
-        if !again.headers().contains_key(name) {
-            again.headers_mut().insert(name, value.clone());
-        }
-    }
-    if method == "HEAD" {
-        *again.body_mut() = Body::empty();
-    }
-    again
+/// The answer of a handler that panicked.
+fn panicked(panic: &(dyn Any + Send)) -> Response {
+    let message = panic
+        .downcast_ref::<&str>()
+        .copied()
+        .or_else(|| panic.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("no message");
+    ApiError::internal(format_args!("a handler panicked: {message}")).into_response()
 }
 
 /// Methods are labels of a metric: a client must not be able to invent series.

@@ -13,7 +13,7 @@ use crate::http::wire::accept::preferred;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{NoQuery, Query, text};
 use crate::jobs::{Job, JobId};
-use crate::reconstruction::training::Metrics;
+use crate::reconstruction::training::{Column, Metrics, csv};
 
 /// Rows read at once.
 const PAGE: u32 = 20_000;
@@ -44,7 +44,7 @@ pub(in crate::http) async fn metrics(
         return Ok(blocks(&job).into_response());
     }
     let fields = query.take("fields", |list| fields(&list));
-    let fields = fields.unwrap_or_else(|| Field::ALL.to_vec());
+    let fields = fields.unwrap_or_else(|| Column::ALL.to_vec());
     let after = query.take("after", text::<u64>).unwrap_or(0);
     let max_points = query.take("max_points", |value| {
         let points = text::<usize>(value)?;
@@ -138,86 +138,24 @@ async fn read(app: &AppState, id: &JobId, mut after: u64) -> Result<Vec<Metrics>
     }
 }
 
-/// A column of the series.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Field {
-    Evaluation,
-    Iteration,
-    Loss,
-    ValidationLoss,
-    GradientNorm,
-    StepLength,
-    WeightNorms,
-    Blocks,
-}
-
-impl Field {
-    const ALL: [Self; 8] = [
-        Self::Evaluation,
-        Self::Iteration,
-        Self::Loss,
-        Self::ValidationLoss,
-        Self::GradientNorm,
-        Self::StepLength,
-        Self::WeightNorms,
-        Self::Blocks,
-    ];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Evaluation => "evaluation",
-            Self::Iteration => "iteration",
-            Self::Loss => "loss",
-            Self::ValidationLoss => "validation_loss",
-            Self::GradientNorm => "gradient_norm",
-            Self::StepLength => "step_length",
-            Self::WeightNorms => "weight_norms",
-            Self::Blocks => "blocks",
-        }
-    }
-
-    /// Its value in JSON; what is not finite is null.
-    fn value(self, row: &Metrics) -> Value {
-        match self {
-            Self::Evaluation => json!(row.evaluation),
-            Self::Iteration => json!(row.iteration),
-            Self::WeightNorms => json!(row.weight_norms),
-            Self::Blocks => json!(row.blocks),
-            _ => json!(self.number(row)),
-        }
-    }
-
-    /// Its value as a point of a curve; what counts up or has a value a layer is none.
-    fn number(self, row: &Metrics) -> Option<f64> {
-        match self {
-            Self::Loss => Some(row.loss),
-            Self::ValidationLoss => row.validation_loss,
-            Self::GradientNorm => Some(row.gradient_norm),
-            Self::StepLength => Some(row.step_length),
-            Self::Evaluation | Self::Iteration | Self::WeightNorms | Self::Blocks => None,
-        }
-        .filter(|number| number.is_finite())
-    }
-}
-
 /// The evaluation and what else is asked for, in the order of the columns.
-fn fields(list: &str) -> std::result::Result<Vec<Field>, String> {
+fn fields(list: &str) -> std::result::Result<Vec<Column>, String> {
     let names: Vec<&str> = list.split(',').map(str::trim).collect();
-    let unknown = |name: &&&str| !Field::ALL.iter().any(|field| field.name() == **name);
+    let unknown = |name: &&&str| !Column::ALL.iter().any(|field| field.name() == **name);
     if let Some(name) = names.iter().find(unknown) {
-        let known = Field::ALL.map(Field::name).join(", ");
+        let known = Column::ALL.map(Column::name).join(", ");
         return Err(format!("'{name}' is none of {known}"));
     }
-    let wanted = |field: &Field| *field == Field::Evaluation || names.contains(&field.name());
-    Ok(Field::ALL.into_iter().filter(wanted).collect())
+    let wanted = |field: &Column| *field == Column::Evaluation || names.contains(&field.name());
+    Ok(Column::ALL.into_iter().filter(wanted).collect())
 }
 
 /// At most `points` rows: the first, the last, and of each of equal stretches those where a curve
 /// among the `fields` has its smallest and largest value, so that no peak of it is lost; without a
 /// curve the first of each.
-fn thin(rows: Vec<Metrics>, fields: &[Field], points: usize) -> Vec<Metrics> {
-    let is_curve = |field: &&Field| rows.iter().any(|row| field.number(row).is_some());
-    let curves: Vec<&Field> = fields.iter().filter(is_curve).collect();
+fn thin(rows: Vec<Metrics>, fields: &[Column], points: usize) -> Vec<Metrics> {
+    let is_curve = |field: &&Column| rows.iter().any(|row| field.number(row).is_some());
+    let curves: Vec<&Column> = fields.iter().filter(is_curve).collect();
     let stretches = ((points - 2) / (2 * curves.len()).max(1)).max(1);
     let length = rows.len().div_ceil(stretches);
     let mut keep = vec![false; rows.len()];
@@ -246,42 +184,6 @@ fn thin(rows: Vec<Metrics>, fields: &[Field], points: usize) -> Vec<Metrics> {
     }
     let kept = rows.into_iter().zip(keep).filter(|(_, keep)| *keep);
     kept.map(|(row, _)| row).collect()
-}
-
-/// A head and a line a row; the weight norms have a column a layer.
-fn csv(fields: &[Field], rows: &[Metrics]) -> String {
-    let layers = rows.iter().map(|row| row.weight_norms.len()).max();
-    let layers = layers.unwrap_or(0);
-    let head: Vec<String> = fields
-        .iter()
-        .flat_map(|field| match field {
-            Field::WeightNorms => (0..layers).map(|k| format!("weight_norm_{k}")).collect(),
-            field => vec![field.name().to_owned()],
-        })
-        .collect();
-    let mut out = head.join(",");
-    for row in rows {
-        out.push('\n');
-        let cells: Vec<String> = fields
-            .iter()
-            .flat_map(|field| match field {
-                Field::WeightNorms => (0..layers)
-                    .map(|k| {
-                        row.weight_norms
-                            .get(k)
-                            .map_or(String::new(), f64::to_string)
-                    })
-                    .collect(),
-                field => match field.value(row) {
-                    Value::Null => vec![String::new()],
-                    value => vec![value.to_string()],
-                },
-            })
-            .collect();
-        out.push_str(&cells.join(","));
-    }
-    out.push('\n');
-    out
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -347,7 +249,7 @@ mod tests {
         let mut rows: Vec<_> = (1..=10_000).map(|i| row(i, 1.0 / i as f64)).collect();
         rows[5_432].loss = 99.0;
         rows[5_433].loss = -1.0;
-        let kept = thin(rows, &Field::ALL, 100);
+        let kept = thin(rows, &Column::ALL, 100);
         assert!(kept.len() <= 100);
         let evaluations: Vec<_> = kept.iter().map(|row| row.evaluation).collect();
         assert!(evaluations.is_sorted());
@@ -371,16 +273,6 @@ mod tests {
         assert_eq!(thinned("loss,validation_loss,step_length"), thinned("loss"));
         // Without a curve rows are left out evenly.
         assert!((98..=100).contains(&thinned("weight_norms")));
-    }
-
-    #[test]
-    fn a_table_has_a_column_a_layer_and_gaps_for_what_is_missing() {
-        let fields = fields("loss, weight_norms,validation_loss,step_length").unwrap();
-        assert_eq!(
-            csv(&fields, &[row(3, 0.5)]),
-            "evaluation,loss,validation_loss,step_length,weight_norm_0,weight_norm_1\n\
-             3,0.5,,,1,2.5\n"
-        );
     }
 
     #[test]

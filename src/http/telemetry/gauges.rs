@@ -22,7 +22,7 @@ use crate::http::App;
 use crate::http::wire::error::Result;
 use crate::jobs::store::{CONTENT_FILE, DATABASE_FILE};
 use crate::jobs::worker::slot_of;
-use crate::jobs::{Event, Job, JobFilter, JobId, Status, Store};
+use crate::jobs::{Event, EventKind, Job, JobFilter, JobId, Status, Store};
 
 /// Upper bounds in seconds of waits and phases: from an instant to the longest job.
 const SECONDS: [f64; 12] = [
@@ -179,24 +179,24 @@ impl Gauges {
 
     /// Counts what an event tells. A job that is erased meanwhile is not counted.
     pub(in crate::http) async fn event(&self, store: &Store, event: &Event) {
-        match event.event.as_str() {
-            "job.phase" => {
+        match event.kind {
+            EventKind::Phase => {
                 let phase = event.data.get("phase").and_then(Value::as_str);
                 self.enter(event, phase);
             }
-            "job.queued" => self.enter(event, None),
-            "job.started" => {
+            EventKind::Queued => self.enter(event, None),
+            EventKind::Started => {
                 self.attempt("first");
                 if let Some(job) = job_of(store, event).await {
                     let wait = event.time - job.created_at;
                     self.queue_wait.observe(wait.max(0) as f64 / 1e3);
                 }
             }
-            "job.attempt_started" => {
+            EventKind::AttemptStarted => {
                 let code = event.data.pointer("/reason/code").and_then(Value::as_str);
                 self.attempt(code.unwrap_or("released"));
             }
-            "job.succeeded" | "job.failed" | "job.cancelled" => {
+            kind if kind.is_last() => {
                 self.enter(event, None);
                 if let Some(job) = job_of(store, event).await {
                     self.ended(&job, event);

@@ -10,6 +10,7 @@ use axum::response::{IntoResponse, Response};
 use serde_json::{Map, Value, json};
 
 use crate::folder::Shortage;
+use crate::http::wire::request_id;
 use crate::intake;
 use crate::jobs::{self, Fault, Tombstone};
 use crate::reconstruction::cloud;
@@ -148,12 +149,15 @@ impl ApiError {
         }
         document
     }
+}
 
-    /// The response for the request of the given id.
-    pub(in crate::http) fn respond(self, request_id: Option<&str>) -> Response {
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
         let status = StatusCode::from_u16(self.code.entry().status)
             .unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-        let mut response = (status, Json(self.document(request_id))).into_response();
+        let request_id = request_id::current();
+        let document = self.document(request_id.as_deref());
+        let mut response = (status, Json(document)).into_response();
         let headers = response.headers_mut();
         headers.insert(
             CONTENT_TYPE,
@@ -162,16 +166,10 @@ impl ApiError {
         if let Some(seconds) = self.retry_after {
             headers.insert(RETRY_AFTER, HeaderValue::from(seconds));
         }
-        headers.extend(self.headers.iter().cloned());
-        // The layer that knows the request's id writes the body again.
-        response.extensions_mut().insert(self);
+        headers.extend(self.headers);
+        // Says to the layers around that this is a problem, and which.
+        response.extensions_mut().insert(self.code);
         response
-    }
-}
-
-impl IntoResponse for ApiError {
-    fn into_response(self) -> Response {
-        self.respond(None)
     }
 }
 

@@ -34,7 +34,6 @@ use tokio::sync::{Mutex, watch};
 
 pub use content::objects::CHUNK_BYTES;
 pub use records::checkpoints::Checkpoint;
-pub use records::events::Event;
 pub use records::idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};
 pub use records::meshes::MeshInfo;
 pub use sqlite::origin::is_ours;

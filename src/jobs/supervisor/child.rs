@@ -29,7 +29,7 @@ pub(super) struct Child {
 }
 
 impl Child {
-    pub(super) fn spawn(options: &Options, slot: u16) -> io::Result<Self> {
+    pub(super) async fn spawn(options: &Options, slot: u16) -> io::Result<Self> {
         let mut process = Command::new(&options.program)
             .args(&options.arguments)
             .arg("--slot")
@@ -40,9 +40,11 @@ impl Child {
             .spawn()?;
         let stdin = process.stdin.take();
         let stdout = process.stdout.take();
-        let (Some(pid), Some(stdin), Some(stdout)) = (process.id(), stdin, stdout) else {
+        let (Some(pid), Some(mut stdin), Some(stdout)) = (process.id(), stdin, stdout) else {
             return Err(io::Error::other("the worker has no pipes"));
         };
+        let orders = format!("{}\n", options.orders);
+        stdin.write_all(orders.as_bytes()).await?;
         Ok(Self {
             name: worker_name(slot, pid),
             process,

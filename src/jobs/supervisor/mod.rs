@@ -1,7 +1,7 @@
 //! Keeps the worker processes: starts them and starts them again, wakes them, and settles what
 //! they leave.
 //!
-//! Pipes only wake. A byte into a worker's standard input says that something waits; its end says
+//! After its orders, the first line, pipes only wake. A byte into a worker's standard input says that something waits; its end says
 //! that the server is gone, however it went: the worker gives its job back and ends. A line out of
 //! a worker says that rows were written, so that event streams look. Without them polls of a second
 //! would do the same.
@@ -51,6 +51,8 @@ pub struct Options {
     pub program: PathBuf,
     /// Its arguments, but for `--slot`.
     pub arguments: Vec<OsString>,
+    /// The first line on its standard input.
+    pub orders: String,
     /// Number of worker processes.
     pub workers: u16,
     /// Most resident bytes of a worker; none: no limit.
@@ -133,7 +135,7 @@ impl Supervisor {
         let mut pause = FIRST_PAUSE;
         while !self.shutdown.is_cancelled() {
             let started = Instant::now();
-            match Child::spawn(&self.options, slot) {
+            match Child::spawn(&self.options, slot).await {
                 Ok(child) => self.attend(child).await,
                 Err(error) => {
                     tracing::error!(slot, error.message = %error, "a worker cannot be started");

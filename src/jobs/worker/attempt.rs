@@ -93,16 +93,15 @@ impl<'a> Attempt<'a> {
             .map_err(Failure::internal)?;
         let cloud = cloud.ok_or_else(|| Failure::internal("the cloud is not there"))?;
         let checkpoint = store.checkpoint(&job.id).await.map_err(Failure::internal)?;
-        let options = &self.worker.options;
         let assignment = Assignment {
-            file: options.data_dir.join(CLOUDS).join(&cloud.sha256),
+            file: self.worker.data_dir.join(CLOUDS).join(&cloud.sha256),
             cloud,
             settings: job.settings.clone(),
         };
         let (sender, messages) = mpsc::channel(CHANNEL);
         let (reply, outcome) = oneshot::channel();
         let control = Arc::clone(&self.control);
-        let interval = options.checkpoint_interval;
+        let interval = self.worker.options.checkpoint_interval;
         let work = Arc::clone(&self.worker.work);
         std::thread::Builder::new()
             .name("reconstruct".to_owned())

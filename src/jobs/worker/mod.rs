@@ -16,6 +16,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
@@ -31,19 +32,19 @@ const POLL: Duration = Duration::from_secs(1);
 /// Line that a worker process writes to its standard output every second.
 pub const SIGN_OF_LIFE: &str = "A";
 
-/// What a worker is told.
-#[derive(Debug, Clone)]
+/// What a worker is told by its server, as JSON.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Options {
-    /// Its name, as no other process has it.
-    pub name: String,
-    /// The folder of the service.
-    pub data_dir: PathBuf,
+    /// Threads to compute with.
+    pub threads: usize,
     /// Longest time of a job, over its attempts.
     pub time_limit: Duration,
     /// Time between two checkpoints of a training run.
     pub checkpoint_interval: Duration,
     /// How long the thread may take to stop before it is given up.
     pub grace: Duration,
+    /// Most events of a job.
+    pub events_limit: i64,
     /// Most metric rows of a job.
     pub metrics_limit: i64,
 }
@@ -80,6 +81,10 @@ pub enum End {
 
 /// A worker process.
 pub struct Worker {
+    /// Its name, as no other process has it.
+    pub name: String,
+    /// The folder of the service.
+    pub data_dir: PathBuf,
     /// The service's rows.
     pub store: Store,
     /// What it does with a job.
@@ -100,7 +105,7 @@ impl Worker {
         while !self.signals.stopping.is_cancelled() {
             // What comes after this look wakes the wait below.
             wake.mark_unchanged();
-            match self.store.claim(&self.options.name, LEASE_MS).await {
+            match self.store.claim(&self.name, LEASE_MS).await {
                 Ok(Some(claim)) => {
                     if Attempt::new(self, claim).run().await == End::Hung {
                         return Ok(End::Hung);

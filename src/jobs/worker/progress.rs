@@ -3,8 +3,6 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use serde_json::json;
-
 use crate::jobs::{NewEvent, Record};
 use crate::reconstruction::training::{GradientHistogram, Metrics};
 use crate::reconstruction::{Phase, Warning};
@@ -40,7 +38,7 @@ impl Pending {
         self.meter = Meter::default();
         self.share = Some(0.0);
         self.record.phase = Some(phase);
-        self.event("job.phase", json!({ "phase": phase }));
+        self.record.events.push(NewEvent::Phase { phase });
     }
 
     pub(super) fn progress(&mut self, share: f64) {
@@ -65,7 +63,8 @@ impl Pending {
     }
 
     pub(super) fn warning(&mut self, warning: &Warning) {
-        self.event("job.warning", json!(warning));
+        let event = NewEvent::Warning(warning.clone());
+        self.record.events.push(event);
     }
 
     /// What is to be written now; `None` when nothing was told.
@@ -79,8 +78,10 @@ impl Pending {
                 .flatten();
             self.record.progress = Some(fraction);
             self.record.eta_seconds = eta_seconds;
-            let data = json!({ "fraction": fraction, "eta_seconds": eta_seconds });
-            self.event("job.progress", data);
+            self.record.events.push(NewEvent::Progress {
+                fraction,
+                eta_seconds,
+            });
         }
         let record = std::mem::take(&mut self.record);
         (record != Record::default()).then_some(record)
@@ -90,12 +91,8 @@ impl Pending {
         if let Some(metrics) = self.newest.take() {
             self.record.evaluations = Some(metrics.evaluation);
             self.record.loss = Some(metrics.loss);
-            self.event("training.metrics", json!(metrics));
+            self.record.events.push(NewEvent::Metrics(metrics));
         }
-    }
-
-    fn event(&mut self, kind: &str, data: serde_json::Value) {
-        self.record.events.push(NewEvent::new(kind, data));
     }
 }
 
@@ -176,7 +173,7 @@ mod tests {
         record
             .events
             .iter()
-            .map(|event| event.event.as_str())
+            .map(|event| event.kind().name())
             .collect()
     }
 

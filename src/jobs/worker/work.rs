@@ -88,7 +88,7 @@ pub fn reconstruction(
     let bytes = fs::read(&assignment.file)
         .map_err(|error| Failure::internal(format!("{}: {error}", assignment.file.display())))?;
     // The upload found the format, perhaps by its name, which is not kept.
-    let name = format!("cloud.{}", assignment.cloud.format);
+    let name = format!("cloud.{}", assignment.cloud.summary.format.name());
     // The upload held the file against the operator's limits.
     let limits = cloud::Limits {
         max_points: usize::MAX,

@@ -13,6 +13,7 @@ mod monitor;
 mod pairs;
 mod problem;
 mod run;
+mod series;
 
 use serde::{Deserialize, Serialize};
 
@@ -24,6 +25,7 @@ pub use lbfgs::{Lbfgs, Options};
 pub use monitor::{Enough, Hooks, Snapshot};
 pub use problem::Problem;
 pub use run::{Trained, train};
+pub use series::{Column, csv};
 
 /// Why training ended. Not converging is a result, not an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

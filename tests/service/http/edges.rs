@@ -8,12 +8,14 @@ use axum::http::Request;
 use bytes::Bytes;
 use futures_util::{StreamExt, stream};
 use meshway::jobs::NewCloud;
+use meshway::reconstruction::cloud::Format;
 use serde_json::json;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
 use crate::http::support::{Service, upload_request};
 use crate::server::{Folder, Server};
+use crate::store::support::summary;
 use crate::wire::Connection;
 
 async fn connect(address: SocketAddr) -> TcpStream {
@@ -102,9 +104,7 @@ async fn who_does_not_read_is_cut_off() {
     let new = NewCloud {
         sha256,
         bytes: BYTES,
-        format: "xyz".to_owned(),
-        points: 1,
-        summary: json!({}),
+        summary: summary(Format::Xyz, 1),
     };
     let (cloud, _) = folder.store.insert_cloud(new).await.unwrap();
     let server = folder.serve(&["--download-timeout-seconds=1"]).await;

@@ -101,9 +101,11 @@ impl Reader {
 }
 
 fn progress(fraction: f64) -> Record {
-    let data = json!({"fraction": fraction, "eta_seconds": null});
     Record {
-        events: vec![NewEvent::new("job.progress", data)],
+        events: vec![NewEvent::Progress {
+            fraction,
+            eta_seconds: None,
+        }],
         ..Record::default()
     }
 }
@@ -119,7 +121,9 @@ async fn a_stream_tells_the_whole_life_in_order_and_closes() {
     assert_eq!(stream.frame().await.unwrap().event, "job.started");
     let phase = Record {
         phase: Some(Phase::Training),
-        events: vec![NewEvent::new("job.phase", json!({"phase": "training"}))],
+        events: vec![NewEvent::Phase {
+            phase: Phase::Training,
+        }],
         ..Record::default()
     };
     service.store().record(&claim, phase).await.unwrap();

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use meshway::jobs::{NewEvent, Record, Workers};
-use serde_json::json;
+use meshway::reconstruction::Phase;
 
 use crate::http::contract::expect_contract;
 use crate::http::support::Service;
@@ -83,8 +83,12 @@ async fn prometheus_gets_every_name_and_no_job() {
         loss: Some(0.25),
         evaluations: Some(12),
         events: vec![
-            NewEvent::new("job.phase", json!({"phase": "training"})),
-            NewEvent::new("job.phase", json!({"phase": "surface"})),
+            NewEvent::Phase {
+                phase: Phase::Training,
+            },
+            NewEvent::Phase {
+                phase: Phase::Surface,
+            },
         ],
         ..Record::default()
     };

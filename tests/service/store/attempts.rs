@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use meshway::jobs::FailureReason;
+use meshway::jobs::{EventKind, FailureReason};
 
 use crate::store::support::{Bench, LEASE_MS, success};
 
@@ -23,7 +23,9 @@ async fn an_attempt_tells_why_the_one_before_it_ended() {
     bench.reap().await;
     bench.claim().await;
     let events = bench.events(&id).await;
-    let started = events.iter().filter(|e| e.event == "job.attempt_started");
+    let started = events
+        .iter()
+        .filter(|e| e.kind == EventKind::AttemptStarted);
     let reasons: Vec<_> = started.map(|e| &e.data["reason"]["code"]).collect();
     assert_eq!(reasons, ["unresponsive", "released", "lease_expired"]);
 }

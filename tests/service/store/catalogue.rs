@@ -213,7 +213,7 @@ async fn one_stream_tells_the_events_of_all_jobs_in_order() {
     let events = bench.store.all_events_after(before, 10).await.unwrap();
     let told: Vec<_> = events
         .iter()
-        .map(|e| (e.job_id.clone(), e.event.as_str()))
+        .map(|e| (e.job_id.clone(), e.kind.name()))
         .collect();
     let first = claim.job.id;
     assert_eq!(

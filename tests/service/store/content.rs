@@ -2,8 +2,8 @@
 
 use meshway::jobs::store::CHUNK_BYTES;
 use meshway::jobs::{Error, NewEvent, NewMesh, Record};
+use meshway::reconstruction::Warning;
 use meshway::reconstruction::training::{GradientHistogram, LayerHistogram, Metrics};
-use serde_json::json;
 
 use crate::server::{PATIENCE, until};
 use crate::store::support::{Bench, success};
@@ -116,6 +116,13 @@ async fn an_attempt_starts_again_from_the_checkpoint() {
     );
 }
 
+fn progress() -> NewEvent {
+    NewEvent::Progress {
+        fraction: 0.5,
+        eta_seconds: None,
+    }
+}
+
 #[tokio::test]
 async fn limits_leave_out_what_repeats_and_nothing_else() {
     let bench = Bench::with(|options| {
@@ -126,14 +133,12 @@ async fn limits_leave_out_what_repeats_and_nothing_else() {
     let id = bench.submit().await.id;
     let claim = bench.claim().await;
     let record = Record {
-        events: [
-            "job.progress",
-            "training.metrics",
-            "job.progress",
-            "job.warning",
-        ]
-        .map(|event| NewEvent::new(event, json!({})))
-        .to_vec(),
+        events: vec![
+            progress(),
+            NewEvent::Metrics(rows(1..=1).metrics.remove(0)),
+            progress(),
+            NewEvent::Warning(Warning::new("odd", "something is odd")),
+        ],
         ..rows(1..=5)
     };
     bench.store.record(&claim, record).await.unwrap();

@@ -50,7 +50,10 @@ async fn a_job_goes_from_the_queue_to_its_mesh() {
     let record = Record {
         progress: Some(0.5),
         eta_seconds: Some(3.0),
-        events: vec![NewEvent::new("job.progress", json!({"fraction": 0.5}))],
+        events: vec![NewEvent::Progress {
+            fraction: 0.5,
+            eta_seconds: None,
+        }],
         ..Record::default()
     };
     bench.store.record(&claim, record).await.unwrap();

@@ -9,9 +9,9 @@ use meshway::jobs::{
     Claim, Error, FailureReason, JobId, Lease, Lookup, NewEvent, Problem, Record, Result, Status,
     Store,
 };
+use meshway::reconstruction::Warning;
 use proptest::prelude::*;
 use proptest::test_runner::FileFailurePersistence;
-use serde_json::json;
 
 use crate::store::support::{Bench, LEASE_MS, success};
 
@@ -276,9 +276,13 @@ async fn write(store: &Store, claim: &Claim, work: Work) -> Result<()> {
     match work {
         Work::Renew => store.renew(claim, LEASE_MS, Duration::ZERO).await.map(drop),
         Work::Record => {
-            let events = ["job.progress", "job.warning"];
+            let progress = NewEvent::Progress {
+                fraction: 0.5,
+                eta_seconds: None,
+            };
+            let warning = NewEvent::Warning(Warning::new("odd", "something is odd"));
             let record = Record {
-                events: events.map(|event| NewEvent::new(event, json!({}))).to_vec(),
+                events: vec![progress, warning],
                 ..Record::default()
             };
             store.record(claim, record).await

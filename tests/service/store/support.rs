@@ -6,11 +6,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
+use meshway::intake::Summary;
 use meshway::jobs::store::{CONTENT_FILE, DATABASE_FILE};
 use meshway::jobs::{
     Claim, CloudId, Event, Job, JobId, Lease, NewCloud, NewJob, NewMesh, Options, Record, Store,
     Success,
 };
+use meshway::reconstruction::cloud::{Counts, Format};
+use meshway::reconstruction::vector::Bounds;
 use meshway::reconstruction::{Phase, Preset};
 use serde_json::json;
 use sqlx::sqlite::SqliteConnectOptions;
@@ -120,13 +123,13 @@ impl Bench {
     }
 
     /// Names of a job's events; checks on the way that their ids are 1, 2, 3, ….
-    pub(crate) async fn event_names(&self, id: &JobId) -> Vec<String> {
+    pub(crate) async fn event_names(&self, id: &JobId) -> Vec<&'static str> {
         let events = self.events(id).await;
         for (event, expected) in events.iter().zip(1..) {
             assert_eq!(event.id, expected);
         }
         assert_eq!(self.job(id).await.events, events.len() as i64);
-        events.into_iter().map(|event| event.event).collect()
+        events.iter().map(|event| event.kind.name()).collect()
     }
 }
 
@@ -142,9 +145,27 @@ pub(crate) fn new_cloud(sha256: &str) -> NewCloud {
     NewCloud {
         sha256: sha256.to_owned(),
         bytes: 12,
-        format: "ply".to_owned(),
-        points: 1_000,
-        summary: json!({"normals": false}),
+        summary: summary(Format::Ply, 1_000),
+    }
+}
+
+/// What the upload of a plain cloud finds.
+pub(crate) fn summary(format: Format, points: u64) -> Summary {
+    Summary {
+        format,
+        gzipped: false,
+        points,
+        bounds: Bounds {
+            min: [-1.0; 3],
+            max: [1.0; 3],
+        },
+        normals: false,
+        labels: Counts {
+            surface: points as usize,
+            ..Counts::default()
+        },
+        dropped_non_finite: 0,
+        warnings: Vec::new(),
     }
 }
 

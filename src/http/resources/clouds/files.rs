@@ -49,9 +49,7 @@ pub(in crate::http) async fn keep(app: &AppState, upload: Upload) -> Result<(Clo
     let new = NewCloud {
         sha256: spooled.sha256,
         bytes: spooled.bytes,
-        format: summary.format.name().to_owned(),
-        points: summary.points,
-        summary: serde_json::to_value(&summary).map_err(ApiError::internal)?,
+        summary,
     };
     let target = path(app, &new.sha256);
     let _shared = app.cloud_files.read().await;

@@ -86,8 +86,7 @@ pub(in crate::http) async fn content(
     headers: HeaderMap,
 ) -> Result<Response> {
     let cloud = find(&app, &id).await?;
-    let gzipped = cloud.summary["gzipped"] == json!(true);
-    let ending = if gzipped { ".gz" } else { "" };
+    let ending = if cloud.summary.gzipped { ".gz" } else { "" };
     let download = Download {
         content: Content::File {
             path: files::path(&app, &cloud.sha256),
@@ -95,7 +94,7 @@ pub(in crate::http) async fn content(
         },
         sha256: cloud.sha256,
         media_type: "application/octet-stream",
-        file_name: format!("{}.{}{ending}", cloud.id, cloud.format),
+        file_name: format!("{}.{}{ending}", cloud.id, cloud.summary.format.name()),
     };
     download.respond(&headers).await
 }
@@ -135,20 +134,20 @@ async fn absent(app: &AppState, id: &CloudId) -> ApiError {
 
 /// A cloud as JSON: its columns, and what its reading found.
 fn represent(cloud: &Cloud) -> Value {
-    let summary = |name: &str| cloud.summary.get(name).cloned().unwrap_or_default();
+    let summary = &cloud.summary;
     let url = format!("/v1/clouds/{}", cloud.id);
     json!({
         "id": cloud.id,
         "sha256": cloud.sha256,
         "bytes": cloud.bytes,
-        "format": cloud.format,
-        "gzipped": summary("gzipped"),
-        "points": cloud.points,
-        "bounds": summary("bounds"),
-        "normals": summary("normals"),
-        "labels": summary("labels"),
-        "dropped_non_finite": summary("dropped_non_finite"),
-        "warnings": summary("warnings"),
+        "format": summary.format,
+        "gzipped": summary.gzipped,
+        "points": summary.points,
+        "bounds": summary.bounds,
+        "normals": summary.normals,
+        "labels": summary.labels,
+        "dropped_non_finite": summary.dropped_non_finite,
+        "warnings": summary.warnings,
         "created_at": rfc3339(cloud.created_at),
         "links": {
             "self": url,

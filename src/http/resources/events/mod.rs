@@ -25,7 +25,7 @@ use crate::http::resources::jobs::representation::represent;
 use crate::http::wire::error::{ApiError, Result, problem_of};
 use crate::http::wire::extract::{Id, Query, text};
 use crate::http::wire::time::rfc3339;
-use crate::jobs::{Event, Job, JobId, Lookup, Problem, Status};
+use crate::jobs::{Event, EventKind, Job, JobId, Lookup, Problem, Status};
 
 /// Time after which a client that lost its connection should come back, in milliseconds.
 const RETRY_MILLISECONDS: u32 = 2_000;
@@ -164,7 +164,7 @@ async fn page(app: &AppState, job: Option<&Job>, asked: &Asked) -> Result<Respon
         .flatten();
     let items: Vec<Value> = events
         .iter()
-        .map(|event| json!({"id": number(event, all), "event": event.event, "data": data(event)}))
+        .map(|event| json!({"id": number(event, all), "event": event.kind, "data": data(event)}))
         .collect();
     let mut response = Json(json!({"items": items, "next_after": next})).into_response();
     let headers = response.headers_mut();
@@ -320,8 +320,8 @@ impl Subscription {
         let all = self.job.is_none();
         self.last = number(event, all);
         self.frames
-            .push_back(frame(Some(self.last), &event.event, &data(event)));
-        if !all && is_last(&event.event) {
+            .push_back(frame(Some(self.last), event.kind.name(), &data(event)));
+        if !all && event.kind.is_last() {
             self.ended = true;
             self.behind = false;
         }
@@ -335,11 +335,6 @@ impl Subscription {
             self.ended = !matches!(lookup, Ok(Lookup::Found(_)));
         }
     }
-}
-
-/// Whether no event of the job can follow.
-fn is_last(event: &str) -> bool {
-    matches!(event, "job.succeeded" | "job.failed" | "job.cancelled")
 }
 
 /// The id of an event in a stream of one job, or of all.
@@ -360,13 +355,13 @@ fn data(event: &Event) -> Value {
         members.insert("job_id".to_owned(), json!(event.job_id));
         members.insert("time".to_owned(), json!(rfc3339(event.time)));
         members.insert("attempt".to_owned(), json!(event.attempt));
-        match event.event.as_str() {
-            "job.snapshot" => {
+        match event.kind {
+            EventKind::Snapshot => {
                 let evaluation = members.get("evaluation").cloned().unwrap_or_default();
                 let link = format!("{job}/snapshots/{evaluation}.ply");
                 members.insert("link".to_owned(), json!(link));
             }
-            "job.succeeded" => {
+            EventKind::Succeeded => {
                 let links = json!({
                     "mesh": format!("{job}/mesh"),
                     "report": format!("{job}/report"),
@@ -374,7 +369,7 @@ fn data(event: &Event) -> Value {
                 });
                 members.insert("links".to_owned(), links);
             }
-            "job.failed" => {
+            EventKind::Failed => {
                 let problem = members.get("error").cloned().unwrap_or_default();
                 if let Ok(problem) = serde_json::from_value::<Problem>(problem) {
                     members.insert("error".to_owned(), problem_of(&problem));

@@ -16,7 +16,7 @@ use crate::http::AppState;
 use crate::http::resources::clouds::files;
 use crate::http::resources::jobs::found::{Found, found};
 use crate::http::resources::jobs::representation::{answer, poll, represent};
-use crate::http::resources::jobs::request::{JobRequest, labels_of, preset_named};
+use crate::http::resources::jobs::request::{JobRequest, preset_named};
 use crate::http::resources::jobs::wait::Wish;
 use crate::http::upload::bodies::JSON_LIMIT;
 use crate::http::upload::{self, Payload, Upload, receive};
@@ -69,7 +69,7 @@ pub(in crate::http) async fn create(
         (None, Some(id)) => find_cloud(&app, id).await?,
         (None, None) => return Err(ApiError::internal("a job without a cloud was let in")),
     };
-    asked.check(&app.config, labels_of(&cloud))?;
+    asked.check(&app.config, Some(cloud.summary.labels))?;
     let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
     wish.answer(&app, job).await
 }
@@ -179,7 +179,7 @@ pub(in crate::http) async fn retry(
     }
     let asked = JobRequest::again(&job, members)?;
     let cloud = find_cloud(&app, &job.cloud_id).await?;
-    asked.check(&app.config, labels_of(&cloud))?;
+    asked.check(&app.config, Some(cloud.summary.labels))?;
     let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
     wish.answer(&app, job).await
 }
@@ -216,7 +216,7 @@ async fn submit(app: &AppState, new: NewJob, attempt: Attempt) -> Result<Job> {
 async fn estimate(app: &AppState, asked: &JobRequest, upload: Option<&Upload>) -> Result<Response> {
     let labels = match (upload, &asked.cloud_id) {
         (Some(upload), _) => Some(files::read(app, upload).await?.labels),
-        (None, Some(id)) => labels_of(&find_cloud(app, id).await?),
+        (None, Some(id)) => Some(find_cloud(app, id).await?.summary.labels),
         (None, None) => None,
     };
     let estimate = asked.check(&app.config, labels)?;

@@ -10,7 +10,8 @@ use sha2::{Digest, Sha256};
 use crate::http::wire::download::{hex, none_match};
 use crate::http::wire::error::{ApiError, Result, problem_of};
 use crate::http::wire::time::rfc3339;
-use crate::jobs::{Job, assessment};
+use crate::jobs::Job;
+use crate::jobs::assessment::Assessment;
 
 /// Header that says which preference was honoured (RFC 7240).
 pub(in crate::http) const PREFERENCE_APPLIED: HeaderName =
@@ -56,9 +57,11 @@ pub(in crate::http) fn represent(job: &Job, queue_position: Option<u64>) -> Valu
             "field": format!("{url}/field"),
         },
     });
-    if let Some(document) = document.as_object_mut() {
-        document.extend(assessment::members(job.report.as_ref()));
-    }
+    let assessment = Assessment::of(job.report.as_ref());
+    document["verdict"] = json!(assessment.verdict);
+    document["verdict_reasons"] = json!(assessment.verdict_reasons);
+    document["warnings"] = json!(assessment.warnings);
+    document["mesh"] = json!(assessment.mesh);
     if !job.cloud_erased {
         document["links"]["cloud"] = format!("/v1/clouds/{}", job.cloud_id).into();
     }

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 use crate::config::Config;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{Members, json};
-use crate::jobs::{Cloud, CloudId, Job, JobId, NewJob};
+use crate::jobs::{CloudId, Job, JobId, NewJob};
 use crate::reconstruction::cloud::Counts;
 use crate::reconstruction::plan::{Cost, grid_bytes, largest_resolution};
 use crate::reconstruction::settings::{self, OffSurface};
@@ -173,11 +173,6 @@ impl JobRequest {
             derived_from: self.derived_from,
         }
     }
-}
-
-/// Number of points by label, from what the upload found.
-pub(in crate::http) fn labels_of(cloud: &Cloud) -> Option<Counts> {
-    serde_json::from_value(cloud.summary.get("labels")?.clone()).ok()
 }
 
 fn too_large(code: Code, pointer: &str, detail: String, [bytes, limit]: [u64; 2]) -> ApiError {

@@ -1,13 +1,12 @@
 //! What a worker writes while it holds a job, and the one transaction that makes it a success.
 
-use serde_json::json;
-
 use super::outcome::{Fence, Outcome};
 use super::row::integer;
+use crate::jobs::assessment::Assessment;
 use crate::jobs::attempt::sha256_hex;
 use crate::jobs::store::Store;
 use crate::jobs::store::sqlite::writer::Transaction;
-use crate::jobs::{Claim, Error, JobId, NewMesh, Record, Result, Success, assessment};
+use crate::jobs::{Claim, Error, JobId, NewEvent, NewMesh, Record, Result, Success};
 use crate::reconstruction::Phase;
 
 impl Store {
@@ -38,13 +37,13 @@ impl Store {
             Box::pin(async move {
                 tx.held(&id, attempt).await?;
                 tx.put_mesh(&id, evaluation, &mesh, &named).await?;
-                let data = json!({
-                    "evaluation": evaluation,
-                    "vertices": mesh.vertices,
-                    "triangles": mesh.triangles,
-                    "bytes": mesh.data.len(),
-                });
-                tx.append_event(&id, "job.snapshot", &data).await
+                let event = NewEvent::Snapshot {
+                    evaluation,
+                    vertices: mesh.vertices,
+                    triangles: mesh.triangles,
+                    bytes: mesh.data.len() as u64,
+                };
+                tx.append_event(&id, &event).await
             })
         })
         .await
@@ -80,18 +79,13 @@ impl Store {
                 tx.record(&id, attempt, &last).await?;
                 tx.put_mesh(&id, 0, &mesh, &surface).await?;
                 tx.put_model(&id, hash, &network).await?;
-                let mut told = assessment::members(Some(&report));
-                for (name, number) in [
-                    ("vertices", mesh.vertices),
-                    ("triangles", mesh.triangles),
-                    ("bytes", mesh.data.len() as u64),
-                ] {
-                    told.insert(name.to_owned(), number.into());
-                }
-                let outcome = Outcome::Succeeded {
-                    report,
-                    told: told.into(),
+                let event = NewEvent::Succeeded {
+                    assessment: Assessment::of(Some(&report)),
+                    vertices: mesh.vertices,
+                    triangles: mesh.triangles,
+                    bytes: mesh.data.len() as u64,
                 };
+                let outcome = Outcome::Succeeded { report, event };
                 tx.leave(Fence::running(&id, attempt), outcome).await
             })
         })
@@ -120,11 +114,10 @@ impl Transaction<'_> {
         .await?;
         let (mut events, metrics) = found.ok_or(Error::Stale)?;
         for event in &record.events {
-            let repeats = matches!(event.event.as_str(), "job.progress" | "training.metrics");
-            if repeats && events >= self.options.events_limit {
+            if event.kind().repeats() && events >= self.options.events_limit {
                 continue;
             }
-            self.append_event(id, &event.event, &event.data).await?;
+            self.append_event(id, event).await?;
             events += 1;
         }
         self.insert_metrics(id, metrics, &record.metrics).await?;

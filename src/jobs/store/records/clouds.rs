@@ -20,8 +20,8 @@ impl Store {
                 .bind(CloudId::new().as_str())
                 .bind(&new.sha256)
                 .bind(integer(new.bytes))
-                .bind(&new.format)
-                .bind(integer(new.points))
+                .bind(new.summary.format.name())
+                .bind(integer(new.summary.points))
                 .bind(to_json(&new.summary))
                 .bind(tx.now)
                 .execute(&mut *tx.db)
@@ -123,8 +123,6 @@ fn cloud_of(row: &SqliteRow) -> Result<Cloud> {
         id: columns.parsed("id")?,
         sha256: columns.get("sha256")?,
         bytes: columns.count("bytes")?,
-        format: columns.get("format")?,
-        points: columns.count("points")?,
         summary: columns.json("summary")?,
         created_at: columns.get("created_at")?,
     })

@@ -1,31 +1,11 @@
 //! Events: what happened to each job, in order.
 
-use serde_json::Value;
 use sqlx::sqlite::SqliteRow;
 
 use super::row::{Columns, to_json};
 use crate::jobs::store::Store;
 use crate::jobs::store::sqlite::writer::Transaction;
-use crate::jobs::{JobId, Result};
-
-/// Something that happened to a job.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Event {
-    /// Place among the events of all jobs; grows, with gaps.
-    pub seq: i64,
-    /// The job.
-    pub job_id: JobId,
-    /// Place among the events of the job: 1, 2, 3, … without a gap.
-    pub id: i64,
-    /// Kind: `job.queued`, `training.metrics`, ….
-    pub event: String,
-    /// When it was written, in milliseconds since the epoch.
-    pub time: i64,
-    /// Attempt during or after which it happened; 0 before the first.
-    pub attempt: i64,
-    /// What the kind carries: a JSON object.
-    pub data: Value,
-}
+use crate::jobs::{Event, EventKind, JobId, NewEvent, Result};
 
 impl Store {
     /// Events of a job after the given id, oldest first.
@@ -68,8 +48,7 @@ impl Transaction<'_> {
     pub(in crate::jobs::store) async fn append_event(
         &mut self,
         id: &JobId,
-        event: &str,
-        data: &Value,
+        event: &NewEvent,
     ) -> Result<()> {
         let (number, attempt): (i64, i64) = sqlx::query_as(
             "UPDATE jobs SET events = events + 1 WHERE id = ?1 RETURNING events, attempt",
@@ -83,10 +62,10 @@ impl Transaction<'_> {
         )
         .bind(id.as_str())
         .bind(number)
-        .bind(event)
+        .bind(event.kind().name())
         .bind(self.now)
         .bind(attempt)
-        .bind(to_json(data))
+        .bind(to_json(event))
         .execute(&mut *self.db)
         .await?;
         Ok(())
@@ -99,7 +78,7 @@ fn event_of(row: &SqliteRow) -> Result<Event> {
         seq: columns.get("seq")?,
         job_id: columns.parsed("job_id")?,
         id: columns.get("id")?,
-        event: columns.get("event")?,
+        kind: columns.required(EventKind::from_name(columns.get("event")?), "event")?,
         time: columns.get("time")?,
         attempt: columns.get("attempt")?,
         data: columns.json("data")?,

@@ -1,6 +1,5 @@
 //! Jobs as clients see them: submitted, found, listed, cancelled, erased.
 
-use serde_json::json;
 use sqlx::sqlite::{Sqlite, SqliteRow};
 use sqlx::{Executor, Row};
 
@@ -11,7 +10,8 @@ use super::tombstones;
 use crate::jobs::store::Store;
 use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{
-    CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewJob, Result, Status, Verdict,
+    CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewEvent, NewJob, Result, Status,
+    Verdict,
 };
 
 /// A page of jobs that fulfil a condition and the filters.
@@ -218,8 +218,11 @@ impl Transaction<'_> {
         .execute(&mut *self.db)
         .await?;
         // Behind all that wait, which were counted just now.
-        self.append_event(&id, "job.queued", &json!({ "position": waiting + 1 }))
-            .await?;
+        let queued = NewEvent::Queued {
+            position: Some(waiting as u64 + 1),
+            reason: None,
+        };
+        self.append_event(&id, &queued).await?;
         self.load_job(&id).await
     }
 

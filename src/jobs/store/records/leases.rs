@@ -7,14 +7,16 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use serde_json::{Value, json};
+use serde::Deserialize;
 
 use super::jobs::job_of;
 use super::outcome::{Fence, Outcome};
 use super::row::{Columns, integer, to_json};
 use crate::jobs::store::Store;
 use crate::jobs::store::sqlite::writer::Transaction;
-use crate::jobs::{Claim, Error, FailureReason, Job, JobId, Lease, Problem, Result};
+use crate::jobs::{
+    Claim, Error, FailureReason, Job, JobId, Lease, NewEvent, Problem, Requeue, Result,
+};
 
 impl Store {
     /// Takes the job that has waited longest, for `lease_ms` milliseconds, and writes `job.started`
@@ -45,18 +47,14 @@ impl Store {
                     return Ok(None);
                 };
                 let job = job_of(&row)?;
-                if job.attempt == 1 {
-                    let data = json!({ "worker": worker });
-                    tx.append_event(&job.id, "job.started", &data).await?;
+                let event = if job.attempt == 1 {
+                    NewEvent::Started { worker }
                 } else {
                     tx.forget_after_checkpoint(&job.id).await?;
-                    let data = json!({
-                        "worker": worker,
-                        "reason": tx.requeue_reason(&job.id).await?,
-                    });
-                    tx.append_event(&job.id, "job.attempt_started", &data)
-                        .await?;
-                }
+                    let reason = tx.requeue_reason(&job.id).await?;
+                    NewEvent::AttemptStarted { worker, reason }
+                };
+                tx.append_event(&job.id, &event).await?;
                 let job = tx.load_job(&job.id).await?;
                 let worked_ms = Columns::new("jobs", &row).count("worked_ms")?;
                 Ok(Some(Claim {
@@ -123,9 +121,7 @@ impl Store {
                 let outcome = if tx.held(&id, attempt).await?.cancel_requested {
                     Outcome::Cancelled
                 } else {
-                    Outcome::Requeued {
-                        reason: json!({"code": "released"}),
-                    }
+                    Outcome::Requeued(Requeue::Released)
                 };
                 tx.leave(Fence::running(&id, attempt), outcome).await
             })
@@ -256,17 +252,21 @@ impl Store {
 
 impl Transaction<'_> {
     /// Why a job that waits again does so. Not its `failure_reason`: a release is no failure.
-    async fn requeue_reason(&mut self, id: &JobId) -> Result<Value> {
-        let data: String = sqlx::query_scalar(
+    async fn requeue_reason(&mut self, id: &JobId) -> Result<Option<Requeue>> {
+        /// The part of the event that is looked at.
+        #[derive(Deserialize)]
+        struct Queued {
+            reason: Option<Requeue>,
+        }
+        let row = sqlx::query(
             "SELECT data FROM events WHERE job_id = ?1 AND event = 'job.queued'
              ORDER BY id DESC LIMIT 1",
         )
         .bind(id.as_str())
         .fetch_one(&mut *self.db)
         .await?;
-        let mut data: Value =
-            serde_json::from_str(&data).map_err(Error::inconsistent("events", "data"))?;
-        Ok(data["reason"].take())
+        let queued: Queued = Columns::new("events", &row).json("data")?;
+        Ok(queued.reason)
     }
 
     /// The job, if that attempt runs.
@@ -303,9 +303,7 @@ impl Transaction<'_> {
         } else if failures >= self.options.max_failures {
             Outcome::Failed(reason.problem(failures))
         } else {
-            Outcome::Requeued {
-                reason: json!(reason),
-            }
+            Outcome::Requeued(Requeue::Failed(reason.clone()))
         };
         self.leave(Fence::running(id, attempt), outcome).await
     }

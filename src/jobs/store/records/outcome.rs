@@ -1,10 +1,10 @@
 //! The one place where a job leaves a state: status, columns and event change together.
 
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::row::to_json;
 use crate::jobs::store::sqlite::writer::Transaction;
-use crate::jobs::{Error, Job, JobId, Problem, Result, Status};
+use crate::jobs::{Error, Job, JobId, NewEvent, Problem, Requeue, Result, Status};
 
 /// Which job is meant, in which attempt and state: the fence of a change.
 #[derive(Clone, Copy)]
@@ -37,9 +37,9 @@ impl<'a> Fence<'a> {
 /// What a job becomes, other than running (that is a claim).
 pub(in crate::jobs::store) enum Outcome {
     /// Back into the queue, with why.
-    Requeued { reason: Value },
-    /// Its report, and what the last event tells.
-    Succeeded { report: Value, told: Value },
+    Requeued(Requeue),
+    /// Its report, and its last event.
+    Succeeded { report: Value, event: NewEvent },
     /// Why.
     Failed(Problem),
     /// A client wanted it.
@@ -49,7 +49,7 @@ pub(in crate::jobs::store) enum Outcome {
 impl Outcome {
     fn status(&self) -> Status {
         match self {
-            Self::Requeued { .. } => Status::Queued,
+            Self::Requeued(_) => Status::Queued,
             Self::Succeeded { .. } => Status::Succeeded,
             Self::Failed(_) => Status::Failed,
             Self::Cancelled => Status::Cancelled,
@@ -74,7 +74,7 @@ impl Transaction<'_> {
         let (error, report) = match &outcome {
             Outcome::Failed(problem) => (Some(to_json(problem)), None),
             Outcome::Succeeded { report, .. } => (None, Some(to_json(report))),
-            Outcome::Requeued { .. } | Outcome::Cancelled => (None, None),
+            Outcome::Requeued(_) | Outcome::Cancelled => (None, None),
         };
         let changed = sqlx::query(
             "UPDATE jobs SET status = ?4, finished_at = ?5, error = ?6, report = ?7,
@@ -97,18 +97,15 @@ impl Transaction<'_> {
         if status.is_final() {
             self.bury_checkpoint(fence.id).await?;
         }
-        let (event, data) = match outcome {
-            Outcome::Requeued { reason } => {
-                let position = self.queue_position(fence.id).await?;
-                (
-                    "job.queued",
-                    json!({"position": position, "reason": reason}),
-                )
-            }
-            Outcome::Succeeded { told, .. } => ("job.succeeded", told),
-            Outcome::Failed(problem) => ("job.failed", json!({ "error": problem })),
-            Outcome::Cancelled => ("job.cancelled", json!({})),
+        let event = match outcome {
+            Outcome::Requeued(reason) => NewEvent::Queued {
+                position: self.queue_position(fence.id).await?,
+                reason: Some(reason),
+            },
+            Outcome::Succeeded { event, .. } => event,
+            Outcome::Failed(error) => NewEvent::Failed { error },
+            Outcome::Cancelled => NewEvent::Cancelled {},
         };
-        self.append_event(fence.id, event, &data).await
+        self.append_event(fence.id, &event).await
     }
 }
