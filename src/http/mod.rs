@@ -4,6 +4,7 @@
 //! has a file. Handlers know neither SQL nor tensors: they read rows through [`crate::jobs`] and
 //! write JSON. Everything that can go wrong leaves as a problem of `error`.
 
+mod api;
 mod door;
 mod resources;
 mod state;

@@ -198,8 +198,7 @@ mod tests {
             }
             let checked = check(&config(&[]), &request.body(Body::empty()).unwrap());
             assert_eq!(checked.is_ok(), expected, "{method} {origin:?} {site:?}");
-            let detail =
-                checked.map_or_else(|error| error.document(None).to_string(), |()| String::new());
+            let detail = checked.map_or_else(|error| error.body(None).detail, |()| String::new());
             let named = origin.unwrap_or("another site");
             assert!(expected || detail.contains(named), "{detail}");
         }

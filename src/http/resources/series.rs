@@ -5,9 +5,10 @@ use axum::extract::State;
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::http::{HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Response};
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use crate::http::AppState;
+use crate::http::api;
 use crate::http::resources::jobs::found::Found;
 use crate::http::wire::accept::preferred;
 use crate::http::wire::error::{ApiError, Code, Result};
@@ -27,8 +28,11 @@ pub(in crate::http) async fn gradients(
     _: NoQuery,
     Found(job): Found,
 ) -> Result<Response> {
-    let histograms = app.store.gradients(&job.id).await?;
-    Ok(Json(json!({"job_id": job.id, "items": histograms})).into_response())
+    let body = api::JobItems {
+        job_id: &job.id,
+        items: app.store.gradients(&job.id).await?,
+    };
+    Ok(Json(body).into_response())
 }
 
 /// GET /v1/jobs/{id}/metrics
@@ -77,15 +81,14 @@ pub(in crate::http) async fn metrics(
                     (field.name().to_owned(), Value::Array(column))
                 })
                 .collect();
-            let last = rows.last().map(|row| row.evaluation);
-            json!({
-                "job_id": job.id,
-                "status": job.status,
-                "rows": total,
-                "last_evaluation": last,
-                "series": series,
-            })
-            .to_string()
+            let body = api::Series {
+                job_id: &job.id,
+                status: job.status,
+                rows: total,
+                last_evaluation: rows.last().map(|row| row.evaluation),
+                series,
+            };
+            serde_json::to_string(&body).map_err(ApiError::internal)?
         }
         Format::Csv => csv(&fields, &rows),
         Format::Ndjson => {
@@ -112,17 +115,20 @@ pub(in crate::http) async fn metrics(
 
 /// A list of each block a quantity, as the report has them; none before there is a report, or where there are no
 /// blocks.
-fn blocks(job: &Job) -> Json<Value> {
+fn blocks(job: &Job) -> Json<api::Blocks<'_>> {
     let report = job.report.as_ref();
     let blocks = report
         .and_then(|report| report.get("blocks"))
         .unwrap_or(&Value::Null);
-    Json(json!({
-        "job_id": job.id,
-        "status": job.status,
-        "blocks": blocks.get("count").and_then(Value::as_u64).unwrap_or(0),
-        "series": blocks.get("each").cloned().unwrap_or_else(|| json!({})),
-    }))
+    Json(api::Blocks {
+        job_id: &job.id,
+        status: job.status,
+        blocks: blocks.get("count").and_then(Value::as_u64).unwrap_or(0),
+        series: blocks
+            .get("each")
+            .cloned()
+            .unwrap_or_else(|| Map::new().into()),
+    })
 }
 
 async fn read(app: &AppState, id: &JobId, mut after: u64) -> Result<Vec<Metrics>> {

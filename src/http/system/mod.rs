@@ -9,9 +9,10 @@ use axum::extract::State;
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use axum::response::{Html, IntoResponse, Response};
-use serde_json::{Map, Value, json};
+use serde_json::json;
 
 use crate::http::AppState;
+use crate::http::api;
 use crate::http::door::server::MAX_HEAD_BYTES;
 use crate::http::resources::events;
 use crate::http::resources::field;
@@ -22,87 +23,85 @@ use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{MAX_WAIT_SECONDS, NoQuery};
 use crate::http::wire::idempotency;
 use crate::http::wire::page;
-use crate::http::wire::time::rfc3339;
 use crate::intake::MAX_EXPANSION;
 use crate::reconstruction::Preset;
 use crate::reconstruction::cloud::MAX_HEADER_BYTES;
-use crate::reconstruction::settings::{BOUNDS, MAX_CHOSEN_EVALUATIONS};
+use crate::reconstruction::settings::{BOUNDS, Bound, MAX_CHOSEN_EVALUATIONS};
 
 /// Time after which the database counts as not writable: probes give up after some seconds.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// GET /v1/presets
 pub(in crate::http) async fn presets(_: NoQuery) -> Response {
-    let items: Vec<Value> = Preset::ALL
-        .iter()
-        .map(|preset| {
-            json!({
-                "name": preset.name(),
-                "default": *preset == Preset::default(),
-                "settings": preset.settings(),
-            })
-        })
-        .collect();
-    Json(json!({ "items": items })).into_response()
+    let item = |preset: Preset| api::PresetItem {
+        name: preset.name(),
+        default: preset == Preset::default(),
+        settings: preset.settings(),
+    };
+    let items = Preset::ALL.into_iter().map(item).collect();
+    Json(api::Items { items }).into_response()
 }
 
 /// GET /v1/limits: each from the place that enforces it.
 pub(in crate::http) async fn limits(State(app): State<AppState>, _: NoQuery) -> Response {
     let config = &app.config;
-    let bounds: Map<String, Value> = BOUNDS
-        .iter()
-        .map(|bound| {
-            let range = json!({"minimum": bound.min, "maximum": bound.max});
-            (bound.pointer.to_owned(), range)
-        })
-        .collect();
-    Json(json!({
-        "connections": config.max_connections,
-        "header_bytes": MAX_HEAD_BYTES,
-        "header_seconds": config.header_timeout_seconds,
-        "body_bytes": config.body_limit_bytes(),
-        "upload_idle_seconds": config.upload_timeout_seconds,
-        "decompression_ratio": MAX_EXPANSION,
-        "cloud_header_bytes": MAX_HEADER_BYTES,
-        "points": config.max_points,
-        "settings_bytes": JSON_LIMIT,
-        "labels": MAX_LABELS,
-        "label_characters": MAX_LABEL_LENGTH,
-        "chosen_evaluations": MAX_CHOSEN_EVALUATIONS,
-        "grid_bytes": config.job_memory_bytes(),
-        "training_bytes": config.job_memory_bytes(),
-        "worker_memory_bytes": config.worker_memory_bytes(),
-        "queued_jobs": config.queue_limit,
-        "job_seconds": config.job_time_limit_seconds,
-        "wait_seconds": MAX_WAIT_SECONDS,
-        "idempotency_key_characters": idempotency::MAX_KEY_LENGTH,
-        "idempotency_seconds": idempotency::KEPT_MS / 1_000,
-        "page_items": page::MAX_LIMIT,
-        "event_page_items": events::MAX_LIMIT,
-        "events_per_job": config.max_events,
-        "metrics_per_job": config.max_metrics,
-        "event_streams": config.max_streams,
-        "field_bytes": field::MAX_BODY_BYTES,
-        "field_points": field::MAX_POINTS,
-        "disk_reserve_bytes": app.disk.space().map_or(0, |s| app.disk.reserve_bytes(s.total_bytes)),
-        "settings": bounds,
-    }))
+    let range = |bound: &Bound| {
+        let range = api::Range {
+            minimum: bound.min,
+            maximum: bound.max,
+        };
+        (bound.pointer, range)
+    };
+    Json(api::Limits {
+        connections: config.max_connections,
+        header_bytes: MAX_HEAD_BYTES,
+        header_seconds: config.header_timeout_seconds,
+        body_bytes: config.body_limit_bytes(),
+        upload_idle_seconds: config.upload_timeout_seconds,
+        decompression_ratio: MAX_EXPANSION,
+        cloud_header_bytes: MAX_HEADER_BYTES,
+        points: config.max_points,
+        settings_bytes: JSON_LIMIT,
+        labels: MAX_LABELS,
+        label_characters: MAX_LABEL_LENGTH,
+        chosen_evaluations: MAX_CHOSEN_EVALUATIONS,
+        grid_bytes: config.job_memory_bytes(),
+        training_bytes: config.job_memory_bytes(),
+        worker_memory_bytes: config.worker_memory_bytes(),
+        queued_jobs: config.queue_limit,
+        job_seconds: config.job_time_limit_seconds,
+        wait_seconds: MAX_WAIT_SECONDS,
+        idempotency_key_characters: idempotency::MAX_KEY_LENGTH,
+        idempotency_seconds: idempotency::KEPT_MS / 1_000,
+        page_items: page::MAX_LIMIT,
+        event_page_items: events::MAX_LIMIT,
+        events_per_job: config.max_events,
+        metrics_per_job: config.max_metrics,
+        event_streams: config.max_streams,
+        field_bytes: field::MAX_BODY_BYTES,
+        field_points: field::MAX_POINTS,
+        disk_reserve_bytes: app
+            .disk
+            .space()
+            .map_or(0, |s| app.disk.reserve_bytes(s.total_bytes)),
+        settings: BOUNDS.iter().map(range).collect(),
+    })
     .into_response()
 }
 
 /// GET /v1/version
 pub(in crate::http) async fn version(State(app): State<AppState>, _: NoQuery) -> Response {
-    Json(json!({
-        "version": env!("CARGO_PKG_VERSION"),
-        "api": "v1",
-        "started_at": rfc3339(app.started_at),
-    }))
+    Json(api::Version {
+        version: env!("CARGO_PKG_VERSION"),
+        api: "v1",
+        started_at: api::Time(app.started_at),
+    })
     .into_response()
 }
 
 /// GET /livez: the process answers.
 pub(in crate::http) async fn livez() -> Response {
-    uncached(Json(json!({"status": "ok"})).into_response())
+    uncached(Json(api::Live { status: "ok" }).into_response())
 }
 
 /// GET /readyz: new work would be taken and done.
@@ -113,19 +112,23 @@ pub(in crate::http) async fn readyz(State(app): State<AppState>) -> Response {
         .filter(|(_, found)| found.is_err())
         .map(|(name, _)| *name)
         .collect();
-    let members: Map<String, Value> = checks
-        .iter()
-        .map(|(name, found)| {
-            let detail = found.as_ref().err();
-            let found = json!({"ok": found.is_ok(), "detail": detail});
-            ((*name).to_owned(), found)
-        })
-        .collect();
-    if failed.is_empty() {
-        return uncached(Json(json!({"status": "ready", "checks": members})).into_response());
-    }
     let detail = format!("not ready: {}", failed.join(", "));
-    let problem = ApiError::new(Code::NotReady, detail).with("checks", Value::Object(members));
+    let is_ready = failed.is_empty();
+    let checks = checks.into_iter().map(|(name, found)| {
+        let check = api::Check {
+            ok: found.is_ok(),
+            detail: found.err(),
+        };
+        (name, check)
+    });
+    let ready = api::Ready {
+        status: "ready",
+        checks: checks.collect(),
+    };
+    if is_ready {
+        return uncached(Json(ready).into_response());
+    }
+    let problem = ApiError::new(Code::NotReady, detail).with("checks", json!(ready.checks));
     uncached(problem.into_response())
 }
 

@@ -7,9 +7,10 @@ use axum::Json;
 use axum::http::header::{CONTENT_TYPE, RETRY_AFTER};
 use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use crate::folder::Shortage;
+use crate::http::api;
 use crate::http::wire::request_id;
 use crate::intake;
 use crate::jobs::{self, Fault, Tombstone};
@@ -67,7 +68,7 @@ impl ApiError {
 
     /// What stays of something erased.
     pub fn gone(what: &str, tombstone: &Tombstone) -> Self {
-        let deleted_at = crate::http::wire::time::rfc3339(tombstone.deleted_at);
+        let deleted_at = api::Time(tombstone.deleted_at);
         Self::new(
             Code::Gone,
             format!(
@@ -75,8 +76,8 @@ impl ApiError {
                 tombstone.reason
             ),
         )
-        .with("deleted_at", json!(deleted_at))
-        .with("reason", json!(tombstone.reason))
+        .with("deleted_at", deleted_at.to_string().into())
+        .with("reason", tombstone.reason.as_str().into())
     }
 
     /// Refused parameters or fields, all of them.
@@ -129,60 +130,57 @@ impl ApiError {
         self.code
     }
 
-    /// The problem document; without a request it has no `request_id`.
-    pub fn document(&self, request_id: Option<&str>) -> Value {
+    /// The body of the problem, as for the request of this id.
+    pub(in crate::http) fn body(self, request_id: Option<String>) -> api::Problem {
         let entry = self.code.entry();
-        let mut document = json!({
-            "type": format!("{TYPE}{}", entry.name),
-            "title": entry.title,
-            "status": entry.status,
-            "detail": self.detail,
-            "code": entry.name,
-            "retryable": entry.retryable,
-            "errors": self.errors,
-        });
-        if let Some(object) = document.as_object_mut() {
-            object.extend(self.members.clone());
-            if let Some(id) = request_id {
-                object.insert("request_id".to_owned(), json!(id));
-            }
+        api::Problem {
+            kind: format!("{TYPE}{}", entry.name),
+            title: entry.title,
+            status: entry.status,
+            detail: self.detail,
+            code: entry.name,
+            retryable: entry.retryable,
+            errors: self.errors,
+            members: self.members,
+            request_id,
         }
-        document
     }
 }
 
 impl IntoResponse for ApiError {
-    fn into_response(self) -> Response {
+    fn into_response(mut self) -> Response {
         let status = StatusCode::from_u16(self.code.entry().status)
             .unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-        let request_id = request_id::current();
-        let document = self.document(request_id.as_deref());
-        let mut response = (status, Json(document)).into_response();
+        let (code, retry_after) = (self.code, self.retry_after);
+        let own_headers = std::mem::take(&mut self.headers);
+        let body = self.body(request_id::current());
+        let mut response = (status, Json(body)).into_response();
         let headers = response.headers_mut();
         headers.insert(
             CONTENT_TYPE,
             HeaderValue::from_static("application/problem+json"),
         );
-        if let Some(seconds) = self.retry_after {
+        if let Some(seconds) = retry_after {
             headers.insert(RETRY_AFTER, HeaderValue::from(seconds));
         }
-        headers.extend(self.headers);
+        headers.extend(own_headers);
         // Says to the layers around that this is a problem, and which.
-        response.extensions_mut().insert(self.code);
+        response.extensions_mut().insert(code);
         response
     }
 }
 
-/// The `error` of a failed job: the shape of every other problem.
-pub(in crate::http) fn problem_of(problem: &jobs::Problem) -> Value {
-    let code = Code::from_name(&problem.code);
-    let mut document = ApiError {
-        errors: problem.errors.clone(),
-        ..ApiError::new(code, problem.detail.clone())
+impl From<&jobs::Problem> for api::Problem {
+    fn from(problem: &jobs::Problem) -> Self {
+        let error = ApiError {
+            errors: problem.errors.clone(),
+            ..ApiError::new(Code::from_name(&problem.code), problem.detail.clone())
+        };
+        Self {
+            retryable: problem.retryable,
+            ..error.body(None)
+        }
     }
-    .document(None);
-    document["retryable"] = json!(problem.retryable);
-    document
 }
 
 impl From<jobs::Error> for ApiError {
@@ -303,8 +301,9 @@ mod tests {
 
     #[test]
     fn a_defect_shows_nothing_of_its_insides() {
-        let problem = ApiError::internal("secret").document(Some("r1"));
-        assert!(!problem.to_string().contains("secret"));
-        assert_eq!(problem["request_id"], "r1");
+        let problem = ApiError::internal("secret").body(Some("r1".to_owned()));
+        let written = serde_json::to_string(&problem).unwrap();
+        assert!(!written.contains("secret"));
+        assert!(written.contains(r#""request_id":"r1""#), "{written}");
     }
 }

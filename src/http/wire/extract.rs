@@ -307,13 +307,9 @@ mod tests {
         assert_eq!(members.take("a", json::<u8>), Some(1));
         assert_eq!(members.take("b", json::<u8>), None);
         assert_eq!(members.required("e", json::<u8>), None);
-        let problem = members.finish().unwrap_err().document(None);
-        let pointers: Vec<_> = problem["errors"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(|error| error["pointer"].as_str().unwrap())
-            .collect();
+        let problem = members.finish().unwrap_err().body(None);
+        let errors = problem.errors.iter();
+        let pointers: Vec<_> = errors.map(|fault| fault.pointer.as_str()).collect();
         assert_eq!(pointers, ["/b", "/e", "/c~1d"]);
     }
 
@@ -323,9 +319,9 @@ mod tests {
         assert_eq!(members.take("a", json::<u8>), None);
         assert!(!members.has("b"));
         assert_eq!(members.required("b", json::<u8>), None);
-        let problem = members.finish().unwrap_err().document(None);
-        assert_eq!(problem["errors"][0]["detail"], "is missing");
-        assert_eq!(problem["errors"][1]["pointer"], "/c");
+        let problem = members.finish().unwrap_err().body(None);
+        assert_eq!(problem.errors[0].detail, "is missing");
+        assert_eq!(problem.errors[1].pointer, "/c");
     }
 
     #[test]

@@ -9,4 +9,3 @@ pub(in crate::http) mod extract;
 pub(in crate::http) mod idempotency;
 pub(in crate::http) mod page;
 pub(in crate::http) mod request_id;
-pub(in crate::http) mod time;

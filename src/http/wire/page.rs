@@ -71,8 +71,8 @@ impl<T: FromStr> Page<T> {
 
 impl Next {
     /// The cursor.
-    pub(in crate::http) fn cursor(&self) -> Option<&str> {
-        self.0.as_deref()
+    pub(in crate::http) fn cursor(&self) -> Option<String> {
+        self.0.clone()
     }
 
     /// The `Link` header: the same query with the new cursor.

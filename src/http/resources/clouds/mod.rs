@@ -7,16 +7,15 @@ use axum::extract::{Request, State};
 use axum::http::header::{LINK, LOCATION};
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
-use serde_json::{Value, json};
 
 use crate::http::AppState;
+use crate::http::api;
 use crate::http::upload::{Payload, receive};
 use crate::http::wire::download::{Content, Download};
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{Id, NoQuery, Query};
 use crate::http::wire::idempotency::{self, Begun};
 use crate::http::wire::page::{Page, PageOf};
-use crate::http::wire::time::rfc3339;
 use crate::jobs::{Cloud, CloudDeletion, CloudId, Subject};
 
 /// `POST /v1/clouds`: 201, or 200 when the same bytes are here already.
@@ -43,7 +42,7 @@ pub(in crate::http) async fn create(
         StatusCode::OK
     };
     let location = [(LOCATION, format!("/v1/clouds/{}", cloud.id))];
-    let response = (status, location, Json(represent(&cloud))).into_response();
+    let response = (status, location, Json(api::Cloud::from(&cloud))).into_response();
     attempt.keep(response, Some(Subject::Cloud(cloud.id))).await
 }
 
@@ -61,8 +60,10 @@ pub(in crate::http) async fn list(
         .list_clouds(page.before.as_ref(), page.limit + 1)
         .await?;
     let PageOf { items, next } = page.cut(found, |cloud| cloud.id.as_str());
-    let items: Vec<Value> = items.iter().map(represent).collect();
-    let body = Json(json!({"items": items, "next_cursor": next.cursor()}));
+    let body = Json(api::Page {
+        items: items.iter().map(api::Cloud::from).collect(),
+        next_cursor: next.cursor(),
+    });
     Ok(match next.link(&uri) {
         Some(link) => ([(LINK, link)], body).into_response(),
         None => body.into_response(),
@@ -74,8 +75,9 @@ pub(in crate::http) async fn show(
     State(app): State<AppState>,
     _: NoQuery,
     Id(id): Id<CloudId>,
-) -> Result<Json<Value>> {
-    Ok(Json(represent(&find(&app, &id).await?)))
+) -> Result<Response> {
+    let cloud = find(&app, &id).await?;
+    Ok(Json(api::Cloud::from(&cloud)).into_response())
 }
 
 /// `GET /v1/clouds/{id}/content`: the bytes as they were uploaded.
@@ -130,29 +132,4 @@ async fn absent(app: &AppState, id: &CloudId) -> ApiError {
         Ok(None) => ApiError::not_found("cloud"),
         Err(error) => error.into(),
     }
-}
-
-/// A cloud as JSON: its columns, and what its reading found.
-fn represent(cloud: &Cloud) -> Value {
-    let summary = &cloud.summary;
-    let url = format!("/v1/clouds/{}", cloud.id);
-    json!({
-        "id": cloud.id,
-        "sha256": cloud.sha256,
-        "bytes": cloud.bytes,
-        "format": summary.format,
-        "gzipped": summary.gzipped,
-        "points": summary.points,
-        "bounds": summary.bounds,
-        "normals": summary.normals,
-        "labels": summary.labels,
-        "dropped_non_finite": summary.dropped_non_finite,
-        "warnings": summary.warnings,
-        "created_at": rfc3339(cloud.created_at),
-        "links": {
-            "self": url,
-            "content": format!("{url}/content"),
-            "jobs": format!("/v1/jobs?cloud_id={}", cloud.id),
-        },
-    })
 }

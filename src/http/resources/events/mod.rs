@@ -18,13 +18,12 @@ use tokio::sync::broadcast::error::RecvError;
 use tokio::time::Instant;
 
 use crate::http::AppState;
+use crate::http::api;
 use crate::http::door::places::Peer;
 use crate::http::resources::events::feed::{Listener, News};
 use crate::http::resources::jobs::found::found;
-use crate::http::resources::jobs::representation::represent;
-use crate::http::wire::error::{ApiError, Result, problem_of};
+use crate::http::wire::error::{ApiError, Result};
 use crate::http::wire::extract::{Id, Query, text};
-use crate::http::wire::time::rfc3339;
 use crate::jobs::{Event, EventKind, Job, JobId, Lookup, Problem, Status};
 
 /// Time after which a client that lost its connection should come back, in milliseconds.
@@ -63,7 +62,11 @@ pub(in crate::http) async fn of_job(
     }
     let reset = || Reset {
         newest,
-        state: json!({"oldest": 1, "newest": newest, "job": represent(&job, None)}),
+        state: json!(api::JobReset {
+            oldest: 1,
+            newest,
+            job: api::Job::new(&job, None),
+        }),
         ended: job.status.is_final(),
     };
     open(app, (Some(id), peer), after.ok_or_else(reset)).await
@@ -89,10 +92,13 @@ pub(in crate::http) async fn of_all(
             let oldest = first.first().map_or(0, |event| event.seq);
             let counts = app.store.counts().await?;
             let counts = Status::ALL.map(|status| (status.name(), counts.get(status)));
-            let counts: std::collections::BTreeMap<_, _> = counts.into_iter().collect();
             Err(Reset {
                 newest,
-                state: json!({"oldest": oldest, "newest": newest, "jobs": counts}),
+                state: json!(api::AllReset {
+                    oldest,
+                    newest,
+                    jobs: counts.into_iter().collect(),
+                }),
                 ended: false,
             })
         }
@@ -162,11 +168,16 @@ async fn page(app: &AppState, job: Option<&Job>, asked: &Asked) -> Result<Respon
     let next = (events.len() == asked.limit as usize)
         .then(|| events.last().map(|event| number(event, all)))
         .flatten();
-    let items: Vec<Value> = events
-        .iter()
-        .map(|event| json!({"id": number(event, all), "event": event.kind, "data": data(event)}))
-        .collect();
-    let mut response = Json(json!({"items": items, "next_after": next})).into_response();
+    let item = |event: &Event| api::EventItem {
+        id: number(event, all),
+        event: event.kind,
+        data: data(event),
+    };
+    let body = api::EventPage {
+        items: events.iter().map(item).collect(),
+        next_after: next,
+    };
+    let mut response = Json(body).into_response();
     let headers = response.headers_mut();
     headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
     if let Some(next) = next {
@@ -353,7 +364,7 @@ fn data(event: &Event) -> Value {
     let job = format!("/v1/jobs/{}", event.job_id);
     if let Some(members) = data.as_object_mut() {
         members.insert("job_id".to_owned(), json!(event.job_id));
-        members.insert("time".to_owned(), json!(rfc3339(event.time)));
+        members.insert("time".to_owned(), json!(api::Time(event.time)));
         members.insert("attempt".to_owned(), json!(event.attempt));
         match event.kind {
             EventKind::Snapshot => {
@@ -362,17 +373,17 @@ fn data(event: &Event) -> Value {
                 members.insert("link".to_owned(), json!(link));
             }
             EventKind::Succeeded => {
-                let links = json!({
-                    "mesh": format!("{job}/mesh"),
-                    "report": format!("{job}/report"),
-                    "model": format!("{job}/model"),
-                });
-                members.insert("links".to_owned(), links);
+                let links = api::SucceededLinks {
+                    mesh: format!("{job}/mesh"),
+                    report: format!("{job}/report"),
+                    model: format!("{job}/model"),
+                };
+                members.insert("links".to_owned(), json!(links));
             }
             EventKind::Failed => {
                 let problem = members.get("error").cloned().unwrap_or_default();
                 if let Ok(problem) = serde_json::from_value::<Problem>(problem) {
-                    members.insert("error".to_owned(), problem_of(&problem));
+                    members.insert("error".to_owned(), json!(api::Problem::from(&problem)));
                 }
             }
             _ => {}

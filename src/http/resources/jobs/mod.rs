@@ -1,7 +1,7 @@
 //! Jobs: submitted, listed, described, cancelled, tried again, erased.
 
+pub(in crate::http) mod answer;
 pub(in crate::http) mod found;
-pub(in crate::http) mod representation;
 pub(in crate::http) mod request;
 pub(in crate::http) mod wait;
 
@@ -10,12 +10,13 @@ use axum::extract::{Request, State};
 use axum::http::header::LINK;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use crate::http::AppState;
+use crate::http::api;
 use crate::http::resources::clouds::files;
+use crate::http::resources::jobs::answer::{answer, body, poll};
 use crate::http::resources::jobs::found::{Found, found};
-use crate::http::resources::jobs::representation::{answer, poll, represent};
 use crate::http::resources::jobs::request::{JobRequest, preset_named};
 use crate::http::resources::jobs::wait::Wish;
 use crate::http::upload::bodies::JSON_LIMIT;
@@ -24,7 +25,6 @@ use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{Id, Members, NoQuery, Query, switch, text};
 use crate::http::wire::idempotency::{self, Attempt, Begun, kept_headers};
 use crate::http::wire::page::{Page, PageOf};
-use crate::http::wire::time;
 use crate::jobs::{
     Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject, Verdict,
 };
@@ -102,7 +102,7 @@ pub(in crate::http) async fn list(
                 format!("must be one of {names}")
             })
         }),
-        created_after: query.take("created_after", |value| time::parse(&value)),
+        created_after: query.take("created_after", |value| api::milliseconds(&value)),
     };
     query.finish()?;
     let page = page?;
@@ -113,9 +113,12 @@ pub(in crate::http) async fn list(
     let PageOf { items, next } = page.cut(listed, |job| job.id.as_str());
     let mut shown = Vec::with_capacity(items.len());
     for job in &items {
-        shown.push(represent(job, position(&app, job).await?));
+        shown.push(api::Job::new(job, position(&app, job).await?));
     }
-    let body = Json(json!({"items": shown, "next_cursor": next.cursor()}));
+    let body = Json(api::Page {
+        items: shown,
+        next_cursor: next.cursor(),
+    });
     Ok(match next.link(&uri) {
         Some(link) => ([(LINK, link)], body).into_response(),
         None => body.into_response(),
@@ -199,12 +202,11 @@ pub(in crate::http) async fn erase(
 /// Puts the job into the queue; under a key its answer is kept in the same transaction.
 async fn submit(app: &AppState, new: NewJob, attempt: Attempt) -> Result<Job> {
     let keep = attempt.with_job(|job| {
-        let body = represent(job, None);
         let headers = answer(StatusCode::ACCEPTED, job, None);
         StoredResponse {
             status: StatusCode::ACCEPTED.as_u16(),
             headers: kept_headers(headers.headers()),
-            body: body.to_string().into_bytes(),
+            body: body(job, None),
         }
     });
     let job = app.store.submit(new, keep).await?;
@@ -219,15 +221,14 @@ async fn estimate(app: &AppState, asked: &JobRequest, upload: Option<&Upload>) -
         (None, Some(id)) => Some(find_cloud(app, id).await?.summary.labels),
         (None, None) => None,
     };
-    let estimate = asked.check(&app.config, labels)?;
-    Ok(Json(json!({
-        "dry_run": true,
-        "cloud_id": asked.cloud_id,
-        "preset": asked.preset,
-        "settings": asked.settings,
-        "estimate": estimate,
-    }))
-    .into_response())
+    let body = api::DryRun {
+        dry_run: true,
+        cloud_id: asked.cloud_id.as_ref(),
+        preset: asked.preset,
+        settings: &asked.settings,
+        estimate: asked.check(&app.config, labels)?,
+    };
+    Ok(Json(body).into_response())
 }
 
 /// A request names its cloud or brings it along; a dry run may go without.

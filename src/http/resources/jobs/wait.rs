@@ -7,8 +7,8 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::Response;
 
 use crate::http::AppState;
+use crate::http::resources::jobs::answer::{PREFERENCE_APPLIED, answer, url};
 use crate::http::resources::jobs::found::found;
-use crate::http::resources::jobs::representation::{PREFERENCE_APPLIED, answer, url};
 use crate::http::resources::meshes;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::preferred_wait;

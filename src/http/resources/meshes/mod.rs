@@ -6,15 +6,14 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
-use serde_json::{Value, json};
 
 use crate::http::AppState;
+use crate::http::api;
 use crate::http::resources::jobs::found::{Found, Succeeded, found};
 use crate::http::wire::accept::preferred;
 use crate::http::wire::download::{Content, Download};
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::NoQuery;
-use crate::http::wire::time::rfc3339;
 use crate::jobs::{Job, MeshInfo, Verdict};
 use crate::reconstruction::mesh::write::Format;
 
@@ -74,8 +73,11 @@ pub(in crate::http) async fn snapshots(
     Found(job): Found,
 ) -> Result<Response> {
     let snapshots = app.store.snapshots(&job.id).await?;
-    let items: Vec<Value> = snapshots.iter().map(|mesh| describe(&job, mesh)).collect();
-    Ok(Json(json!({"job_id": job.id, "items": items})).into_response())
+    let body = api::JobItems {
+        job_id: &job.id,
+        items: snapshots.iter().map(|mesh| describe(&job, mesh)).collect(),
+    };
+    Ok(Json(body).into_response())
 }
 
 /// GET /v1/jobs/{id}/snapshots/{file}: an evaluation, and the ending of a format.
@@ -186,7 +188,7 @@ fn not_acceptable(besides: &[&str]) -> ApiError {
     let meshes = ENDINGS.map(|(_, format)| format.media_type());
     let types = [besides, meshes.as_slice()].concat();
     let detail = format!("the answer is given as {}", types.join(", "));
-    ApiError::new(Code::NotAcceptable, detail).with("acceptable", json!(types))
+    ApiError::new(Code::NotAcceptable, detail).with("acceptable", types.into())
 }
 
 fn by_ending(ending: &str) -> Option<Format> {
@@ -224,20 +226,19 @@ pub(in crate::http) fn varies(mut response: Response) -> Response {
     response
 }
 
-fn describe(job: &Job, mesh: &MeshInfo) -> Value {
+fn describe<'a>(job: &Job, mesh: &'a MeshInfo) -> api::Snapshot<'a> {
     let evaluation = mesh.evaluation;
     let links = ENDINGS.map(|(ending, _)| {
         let link = format!("/v1/jobs/{}/snapshots/{evaluation}.{ending}", job.id);
         (ending, link)
     });
-    let links: std::collections::BTreeMap<_, _> = links.into_iter().collect();
-    json!({
-        "evaluation": evaluation,
-        "vertices": mesh.vertices,
-        "triangles": mesh.triangles,
-        "bytes": mesh.bytes,
-        "sha256": mesh.sha256,
-        "created_at": rfc3339(mesh.created_at),
-        "links": links,
-    })
+    api::Snapshot {
+        evaluation,
+        vertices: mesh.vertices,
+        triangles: mesh.triangles,
+        bytes: mesh.bytes,
+        sha256: &mesh.sha256,
+        created_at: api::Time(mesh.created_at),
+        links: links.into_iter().collect(),
+    }
 }

@@ -1,0 +1,61 @@
+//! A cloud.
+
+use serde::Serialize;
+
+use super::Time;
+use crate::intake::Notice;
+use crate::jobs::{self, CloudId};
+use crate::reconstruction::cloud::{Counts, Format};
+use crate::reconstruction::vector::Bounds;
+
+/// A cloud: its row, and what the upload found.
+#[derive(Debug, Serialize)]
+pub(in crate::http) struct Cloud<'a> {
+    id: &'a CloudId,
+    sha256: &'a str,
+    bytes: u64,
+    format: Format,
+    gzipped: bool,
+    points: u64,
+    bounds: Bounds,
+    normals: bool,
+    labels: Counts,
+    dropped_non_finite: u64,
+    warnings: &'a [Notice],
+    created_at: Time,
+    links: Links,
+}
+
+#[derive(Debug, Serialize)]
+struct Links {
+    #[serde(rename = "self")]
+    own: String,
+    content: String,
+    jobs: String,
+}
+
+impl<'a> From<&'a jobs::Cloud> for Cloud<'a> {
+    fn from(cloud: &'a jobs::Cloud) -> Self {
+        let summary = &cloud.summary;
+        let own = format!("/v1/clouds/{}", cloud.id);
+        Self {
+            id: &cloud.id,
+            sha256: &cloud.sha256,
+            bytes: cloud.bytes,
+            format: summary.format,
+            gzipped: summary.gzipped,
+            points: summary.points,
+            bounds: summary.bounds,
+            normals: summary.normals,
+            labels: summary.labels,
+            dropped_non_finite: summary.dropped_non_finite,
+            warnings: &summary.warnings,
+            created_at: Time(cloud.created_at),
+            links: Links {
+                content: format!("{own}/content"),
+                jobs: format!("/v1/jobs?cloud_id={}", cloud.id),
+                own,
+            },
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! A job, and what one would cost.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::{Problem, Time};
+use crate::jobs::assessment::Assessment;
+use crate::jobs::{self, CloudId, JobId, Status};
+use crate::reconstruction::plan::Cost;
+use crate::reconstruction::{Phase, Preset, Settings};
+
+/// A job.
+#[derive(Debug, Serialize)]
+pub(in crate::http) struct Job<'a> {
+    id: &'a JobId,
+    status: Status,
+    phase: Option<Phase>,
+    progress: f64,
+    eta_seconds: Option<f64>,
+    queue_position: Option<u64>,
+    attempt: i64,
+    failures: i64,
+    cancel_requested: bool,
+    cloud_id: &'a CloudId,
+    preset: Preset,
+    settings: &'a Settings,
+    labels: &'a BTreeMap<String, String>,
+    derived_from: Option<&'a JobId>,
+    evaluations: u64,
+    loss: Option<f64>,
+    last_event_id: i64,
+    created_at: Time,
+    started_at: Option<Time>,
+    finished_at: Option<Time>,
+    error: Option<Problem>,
+    #[serde(flatten)]
+    assessment: Assessment,
+    links: Links,
+}
+
+#[derive(Debug, Serialize)]
+struct Links {
+    #[serde(rename = "self")]
+    own: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cloud: Option<String>,
+    cancel: String,
+    retry: String,
+    events: String,
+    metrics: String,
+    gradients: String,
+    snapshots: String,
+    mesh: String,
+    report: String,
+    model: String,
+    field: String,
+}
+
+impl<'a> Job<'a> {
+    /// The job; its place in the queue is not a column and is given where it is known.
+    pub(in crate::http) fn new(job: &'a jobs::Job, queue_position: Option<u64>) -> Self {
+        Self {
+            id: &job.id,
+            status: job.status,
+            phase: job.phase,
+            progress: job.progress,
+            eta_seconds: job.eta_seconds,
+            queue_position,
+            attempt: job.attempt,
+            failures: job.failures,
+            cancel_requested: job.cancel_requested,
+            cloud_id: &job.cloud_id,
+            preset: job.preset,
+            settings: &job.settings,
+            labels: &job.labels,
+            derived_from: job.derived_from.as_ref(),
+            evaluations: job.evaluations,
+            loss: job.loss,
+            last_event_id: job.events,
+            created_at: Time(job.created_at),
+            started_at: job.started_at.map(Time),
+            finished_at: job.finished_at.map(Time),
+            error: job.error.as_ref().map(Problem::from),
+            assessment: Assessment::of(job.report.as_ref()),
+            links: Links::of(job),
+        }
+    }
+}
+
+impl Links {
+    fn of(job: &jobs::Job) -> Self {
+        let own = format!("/v1/jobs/{}", job.id);
+        let below = |name: &str| format!("{own}/{name}");
+        let cloud = || format!("/v1/clouds/{}", job.cloud_id);
+        Self {
+            cloud: (!job.cloud_erased).then(cloud),
+            cancel: below("cancel"),
+            retry: below("retry"),
+            events: below("events"),
+            metrics: below("metrics"),
+            gradients: below("gradients"),
+            snapshots: below("snapshots"),
+            mesh: below("mesh"),
+            report: below("report"),
+            model: below("model"),
+            field: below("field"),
+            own,
+        }
+    }
+}
+
+/// What a job would be and cost.
+#[derive(Debug, Serialize)]
+pub(in crate::http) struct DryRun<'a> {
+    /// Says that there is no job.
+    pub(in crate::http) dry_run: bool,
+    /// The cloud that the request names.
+    pub(in crate::http) cloud_id: Option<&'a CloudId>,
+    /// Preset that the settings start from.
+    pub(in crate::http) preset: Preset,
+    /// Complete settings.
+    pub(in crate::http) settings: &'a Settings,
+    /// What the job would cost.
+    pub(in crate::http) estimate: Cost,
+}
