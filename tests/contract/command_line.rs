@@ -337,11 +337,13 @@ fn every_kind_of_failure_has_its_exit_code_and_leaves_nothing() {
 }
 
 #[test]
-fn help_names_every_flag_of_the_readme() {
+fn help_names_every_flag_of_the_documents() {
     let help = succeed(Path::new("."), &["reconstruct", "--help"]);
-    let readme =
-        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
-    let flags = readme
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let documents = ["README.md", "docs/cli.md", "docs/service.md", "docs/settings.md"];
+    let text = documents.map(|name| fs::read_to_string(root.join(name)).unwrap());
+    let text = text.join("\n");
+    let flags = text
         .lines()
         .filter(|line| line.contains("meshway reconstruct"))
         .flat_map(str::split_whitespace)
@@ -350,7 +352,7 @@ fn help_names_every_flag_of_the_readme() {
     for flag in flags {
         assert!(
             help.contains(flag),
-            "README uses {flag}, which `reconstruct` does not have"
+            "the documents use {flag}, which `reconstruct` does not have"
         );
     }
 }
