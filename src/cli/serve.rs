@@ -82,7 +82,7 @@ pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Res
     let runtime = tokio::runtime::Runtime::new()
         .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
     let result = runtime.block_on(serve(arguments, cores, substitute));
-    // What still runs after the drain is not waited for.
+    // Tasks that still run after the drain are not awaited.
     runtime.shutdown_background();
     result
 }
@@ -107,9 +107,9 @@ async fn serve(
         .map_err(failed)?;
     folder.sweep(&store).await?;
     store.collect_garbage(None).await.map_err(failed)?;
-    // Keys that were in flight when the last server died; before the first request of this one.
+    // Before the first request: keys that were in flight when the last server died.
     store.idempotency_abandon_all().await.map_err(failed)?;
-    // That server may have died between an erasure and this.
+    // The last server may have died after erasing something and before this.
     store.shred();
 
     let listen = |error| Failure::Output(format!("--listen {}: {error}", config.listen));

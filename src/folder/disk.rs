@@ -1,12 +1,12 @@
-//! The guard of the disk: new work is refused before the disk is full, so that what is under way
-//! can be finished and its result kept.
+//! Guards the disk: new work is refused before the disk is full, so that running work can be finished
+//! and its results stored.
 
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How long an answer of the file system is believed.
+/// How long an answer of the file system is used.
 const BELIEVED_FOR: Duration = Duration::from_secs(1);
 
 const MIB: u64 = 1024 * 1024;
@@ -21,7 +21,7 @@ pub struct Space {
 }
 
 impl Space {
-    /// That of the file system that a folder is on.
+    /// The space of the file system of a folder.
     ///
     /// # Errors
     /// When the file system cannot be asked.
@@ -64,7 +64,7 @@ pub struct Disk {
 }
 
 impl Disk {
-    /// Watches the file system of a folder, of which the larger of the two reserves is to stay free.
+    /// Watches the file system of a folder. The larger of the two reserves shall stay free.
     pub fn new(folder: PathBuf, reserve_mib: u64, reserve_percent: u32) -> Self {
         Self {
             folder,
@@ -96,7 +96,7 @@ impl Disk {
             .max(total_bytes / 100 * self.reserve_percent)
     }
 
-    /// Whether the reserve is still there after writing so many bytes more.
+    /// Checks that the reserve stays free after writing this many bytes more.
     ///
     /// # Errors
     /// Why not.

@@ -1,8 +1,8 @@
-//! The door: what a client sees of the service.
+//! The HTTP API: what a client sees of the service.
 //!
-//! [`operations`] is the whole API as one table, held against `openapi.yaml` by a test; a resource
-//! has a file. Handlers know neither SQL nor tensors: they read rows through [`crate::jobs`] and
-//! write JSON. Everything that can go wrong leaves as a problem of `error`.
+//! [`operations`] is the whole API as one table; a test compares it with `openapi.yaml`. Each
+//! resource has a file. Handlers know neither SQL nor tensors: they read rows through
+//! [`crate::jobs`] and write JSON. Every error leaves as a problem of [`error`].
 
 mod api;
 mod door;
@@ -39,10 +39,10 @@ pub use system::docs::OPENAPI;
 pub use telemetry::Telemetry;
 pub use wire::error;
 
-/// How long a browser may remember what a page of another origin may ask.
+/// How long a browser may cache the answer to a preflight request.
 const PREFLIGHT: Duration = Duration::from_mins(10);
 
-/// What such a page may read of the header of an answer.
+/// Response headers that such a page may read.
 const EXPOSED: [&str; 10] = [
     "content-disposition",
     "content-range",
@@ -129,8 +129,7 @@ pub fn router(state: AppState) -> Router {
         .layer(middleware::from_fn_with_state(state, observe::observe))
 }
 
-/// Pages of the origins that the operator names may read the answers; without any there is no
-/// header of CORS at all.
+/// CORS headers for the origins that the operator allows. Without any, there are no such headers.
 fn cors(config: &Config) -> Option<CorsLayer> {
     let origins: Vec<HeaderValue> = config
         .origins()
@@ -144,8 +143,8 @@ fn cors(config: &Config) -> Option<CorsLayer> {
     (!origins.is_empty()).then(|| layer.allow_origin(origins))
 }
 
-/// What is compressed: text that is worth it. Meshes and clouds are not: their ranges and tags are
-/// those of their bytes.
+/// Which answers are compressed: text of some length. Meshes and clouds are not, because their
+/// ranges and tags refer to the bytes as they are.
 fn text() -> impl Predicate {
     SizeAbove::new(LEAST_COMPRESSED).and(
         |_: StatusCode, _: axum::http::Version, headers: &HeaderMap, _: &axum::http::Extensions| {
@@ -166,10 +165,10 @@ fn text() -> impl Predicate {
     )
 }
 
-/// The same without what is around every request.
+/// The routes without the layers around them.
 fn handlers(state: AppState) -> Router {
     let routes = intake().into_iter().chain(results());
-    // Bodies are held to their limits where they are read; this one is for forms, which axum reads.
+    // Our own code limits bodies where it reads them; this limit is for forms, which axum reads.
     let form_limit = state.config.body_limit_bytes() as usize + FORM_OVERHEAD;
     routes
         .fold(Router::new(), |router, row| {

@@ -1,4 +1,4 @@
-//! The one bag of what handlers need.
+//! The state that all handlers share.
 
 use std::path::PathBuf;
 use std::sync::{Arc, PoisonError};
@@ -20,7 +20,7 @@ use crate::jobs::{Store, Workers};
 /// Shared by all requests.
 pub type AppState = Arc<App>;
 
-/// What handlers need.
+/// The state that all handlers share.
 pub struct App {
     /// Rows of clouds and jobs. Its commits wake event streams and the supervisor.
     pub store: Store,
@@ -32,16 +32,16 @@ pub struct App {
     pub telemetry: Telemetry,
     /// What the supervisor says of its workers.
     pub workers: watch::Receiver<Workers>,
-    /// Cancelled when the service is to stop: new work is refused, streams and waits end, reads
-    /// go on until the workers have given their jobs back.
+    /// Cancelled when the service shall stop. New work is refused, streams and waits end; reads are
+    /// answered until the workers have given their jobs back.
     pub shutdown: CancellationToken,
     /// When the service started, in milliseconds since the epoch.
     pub started_at: i64,
     /// Reads uploads.
     pub(in crate::http) reader: Reader,
-    /// Memory for bodies that are gathered.
+    /// Memory for bodies that are held in memory.
     pub(in crate::http) bodies: Bodies,
-    /// Shared by uploads, taken alone by erasing: see `cloud_files`.
+    /// Uploads take it shared, erasing takes it exclusively: see `resources/clouds/files.rs`.
     pub(in crate::http) cloud_files: RwLock<()>,
     /// New events, for streams.
     pub(in crate::http) feed: Feed,
@@ -56,7 +56,8 @@ pub struct App {
 }
 
 impl App {
-    /// The state of a service over an open store; `program` is the `meshway` to start children of.
+    /// The state of a service over an open store. `program` is the `meshway` that child processes
+    /// run.
     pub fn new(
         store: Store,
         config: Config,

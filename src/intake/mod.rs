@@ -1,8 +1,8 @@
-//! The intake: what an uploaded file is, read once, checked, and summed up.
+//! Reads, checks and sums up uploaded files.
 //!
-//! Files that are small when they are unpacked are read by this process, on a thread that may block.
-//! Large ones, and those that unpack to who knows what, are read by a child of the same program:
-//! should memory run out there, the service goes on.
+//! This process reads files that are small when unpacked, on a blocking thread. A child process of
+//! the same program reads large files and those that may unpack to large ones: if it runs out of
+//! memory, the service continues.
 
 mod size;
 mod summary;
@@ -46,10 +46,10 @@ const CHILD_TIMEOUT: Duration = Duration::from_mins(5);
 /// Why a file is not taken.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// It is no cloud, or none that can be used.
+    /// It is not a usable cloud.
     #[error(transparent)]
     Cloud(#[from] cloud::Error),
-    /// The same, said by a child.
+    /// The same, found by a child process.
     #[error("{detail}")]
     Refused {
         /// Stable name of the reason: one of [`cloud::Error::code`].
@@ -87,8 +87,8 @@ pub struct Reader {
 }
 
 impl Reader {
-    /// One that takes so many points and bytes, unpacked; `program` is the `meshway` to start
-    /// children of.
+    /// A reader of files with at most so many points and unpacked bytes. `program` is the `meshway`
+    /// that child processes run.
     pub fn new(max_points: u64, max_bytes: u64, program: PathBuf) -> Self {
         Self {
             max_points,
@@ -99,7 +99,7 @@ impl Reader {
         }
     }
 
-    /// Reads a file of so many bytes, once there is room for it beside the others.
+    /// Reads a file of `bytes` bytes, once there is memory for it beside the others.
     ///
     /// # Errors
     /// What is wrong with the cloud.
@@ -168,7 +168,7 @@ impl Reader {
     }
 }
 
-/// Room for so many bytes, or all that there is.
+/// Waits for the given memory, or for all there is if it is more.
 async fn take(
     room: &Arc<Semaphore>,
     bytes: u64,

@@ -11,17 +11,17 @@ use super::{IN_PROCESS_BYTES, MAX_EXPANSION};
 /// What the header of a PCD file has whose points are packed.
 const PACKED_PCD: &[u8] = b"binary_compressed";
 
-/// How many bytes a file has when it is unpacked.
+/// How many bytes a file has when unpacked.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Size {
-    /// So many, at most [`IN_PROCESS_BYTES`], and nothing in them is packed again.
+    /// Exactly this many, at most [`IN_PROCESS_BYTES`], and nothing in them is packed again.
     Known(u64),
-    /// At most so many.
+    /// At most this many.
     UpTo(u64),
 }
 
 impl Size {
-    /// Looks at a file of so many bytes, of which `limit` may come. Takes memory for
+    /// Looks at a file of `bytes` bytes, which may unpack to at most `limit`. Takes memory for
     /// [`IN_PROCESS_BYTES`].
     pub(super) fn of(path: &Path, bytes: u64, limit: u64) -> io::Result<Self> {
         let file = || File::open(path);
@@ -39,7 +39,7 @@ impl Size {
         let mut content = Vec::new();
         let one_more = IN_PROCESS_BYTES + 1;
         let unpacked = if gzipped {
-            // A damaged file is told by who reads it; what comes before the damage counts.
+            // Whoever reads the file reports damage; only what comes before it counts here.
             let mut reader = MultiGzDecoder::new(BufReader::new(file()?)).take(one_more);
             let read = reader.read_to_end(&mut content);
             read.or::<io::Error>(Ok(content.len()))

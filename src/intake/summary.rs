@@ -1,4 +1,4 @@
-//! What the reading of a file found.
+//! The findings of reading a file.
 
 use serde::{Deserialize, Serialize};
 
@@ -85,7 +85,7 @@ pub fn limits(max_points: u64, max_bytes: u64) -> cloud::Limits {
 pub enum Verdict {
     /// The file is a cloud.
     Cloud(Summary),
-    /// It is none, or none that can be used.
+    /// The file is not a usable cloud.
     Refused {
         /// Stable name of the reason.
         code: String,

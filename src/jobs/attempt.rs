@@ -152,7 +152,7 @@ impl FailureReason {
         }
     }
 
-    /// What a job says that failed so for the last time, after so many attempts.
+    /// The problem of a job whose last attempt failed for this reason.
     pub fn problem(&self, failures: i64) -> Problem {
         let (code, what) = match self {
             Self::WorkerCrashed { signal, exit_code } => (
@@ -190,7 +190,7 @@ impl FailureReason {
     }
 }
 
-/// Why a job failed, in the shape of the API's problems less what only HTTP knows.
+/// Why a job failed: a problem of the API without what only HTTP knows.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Problem {
     /// Stable `snake_case` name.
@@ -205,7 +205,7 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// A problem that will not go away by trying again.
+    /// A problem that another attempt would not solve.
     pub fn new(code: impl Into<String>, detail: impl Into<String>) -> Self {
         Self {
             code: code.into(),

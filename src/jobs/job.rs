@@ -111,7 +111,7 @@ pub struct Job {
     pub finished_at: Option<i64>,
     /// Number of the present or last attempt, 0 before the first: the fence of every write.
     pub attempt: i64,
-    /// Attempts that failed; a release is none.
+    /// Failed attempts. A release does not count.
     pub failures: i64,
     /// Why the last failed attempt failed.
     pub failure_reason: Option<FailureReason>,
@@ -169,7 +169,7 @@ pub struct JobFilter {
     pub created_after: Option<i64>,
 }
 
-/// What is known about a job's name.
+/// What is known about a job id.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Lookup {
     /// It is here.

@@ -340,7 +340,12 @@ fn every_kind_of_failure_has_its_exit_code_and_leaves_nothing() {
 fn help_names_every_flag_of_the_documents() {
     let help = succeed(Path::new("."), &["reconstruct", "--help"]);
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let documents = ["README.md", "docs/cli.md", "docs/service.md", "docs/settings.md"];
+    let documents = [
+        "README.md",
+        "docs/cli.md",
+        "docs/service.md",
+        "docs/settings.md",
+    ];
     let text = documents.map(|name| fs::read_to_string(root.join(name)).unwrap());
     let text = text.join("\n");
     let flags = text

@@ -1,4 +1,4 @@
-//! The door: connections, and what is around every request before and after its handler.
+//! The door: connections, and the layers around every handler.
 
 pub(in crate::http) mod observe;
 pub(in crate::http) mod origin;

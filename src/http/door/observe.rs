@@ -1,4 +1,4 @@
-//! Around every request: an id, a span, one line of log, the metrics, and no panic that leaves.
+//! The outermost layer: request id, log span and line, metrics, and panics turned into problems.
 
 use std::any::Any;
 use std::panic::AssertUnwindSafe;
@@ -18,7 +18,7 @@ use crate::http::door::places::Peer;
 use crate::http::wire::error::{ApiError, Code};
 use crate::http::wire::request_id::{self, REQUEST_ID};
 
-/// The layer. Neither names of files nor bodies are logged, and no query: labels may be in it.
+/// The layer. It logs no file names, no bodies and no queries, which may contain labels.
 pub(in crate::http) async fn observe(
     State(app): State<AppState>,
     mut request: Request,
@@ -37,7 +37,7 @@ pub(in crate::http) async fn observe(
         .map_or("unmatched", MatchedPath::as_str)
         .to_owned();
     let traceparent = request.headers().get("traceparent");
-    // Without its query: labels may be in that.
+    // The query is left out because it may contain labels.
     let path = request.uri().path();
     let path = if route == "unmatched" { "" } else { path }.to_owned();
     let peer = request.extensions().get::<Peer>().map(|peer| peer.0);

@@ -1,4 +1,4 @@
-//! Who may ask, as far as a browser on the operator's machine goes.
+//! Which requests of a browser on the operator's machine are accepted.
 //!
 //! Without keys the address is the only guard, and a web page of anyone can make a browser send
 //! requests to it. A page whose name is made to resolve to this machine (DNS rebinding) shows its
@@ -78,7 +78,7 @@ fn check(config: &Config, request: &Request) -> Result<()> {
     Ok(())
 }
 
-/// Whether the service goes by this name; the port does not count.
+/// Whether this is a name of the service. The port is ignored.
 fn answers_to(config: &Config, host: &str) -> bool {
     let name = without_port(host).trim_end_matches('.');
     let literal = name.trim_start_matches('[').trim_end_matches(']');

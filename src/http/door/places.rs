@@ -15,7 +15,7 @@ use hyper::body::{Frame, SizeHint};
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
-/// Places beyond the limit, for probes.
+/// Extra places, kept for probes.
 const KEPT: usize = 32;
 
 /// The other end of a connection.
@@ -33,7 +33,7 @@ pub(in crate::http) struct Places {
 #[derive(Debug, Default)]
 struct State {
     open: usize,
-    /// Of the places that are kept.
+    /// Free places among those kept for probes.
     kept: usize,
     turns: u64,
     /// Connections that wait for a request, the one that waits longest first, and whether their
@@ -41,20 +41,20 @@ struct State {
     idle: BTreeMap<u64, (CancellationToken, bool)>,
 }
 
-/// The place of a connection; free again when it is dropped.
+/// The place of one connection. Dropping it frees the place.
 #[derive(Debug)]
 pub(in crate::http) struct Place {
     all: Arc<Places>,
-    /// Its turn among those that wait; none while a request is worked on.
+    /// Position among the waiting connections; none while a request is in progress.
     turn: Mutex<Option<u64>>,
-    /// Cancelled when it has to make room.
+    /// Cancelled when the connection has to make room for another.
     pub(in crate::http) cut: CancellationToken,
     /// Whether only probes are answered.
     pub(in crate::http) kept: bool,
 }
 
 impl Places {
-    /// So many places, besides those that are kept.
+    /// The given number of places, plus those kept for probes.
     pub(in crate::http) fn new(limit: u32) -> Arc<Self> {
         Arc::new(Self {
             limit: limit as usize,
@@ -63,7 +63,8 @@ impl Places {
         })
     }
 
-    /// The next place, at once where there is one that somebody can give up.
+    /// Waits for a place. Returns at once when one is free or can be taken from a waiting
+    /// connection.
     pub(in crate::http) async fn take(self: &Arc<Self>) -> Place {
         loop {
             let freed = self.freed.notified();
@@ -103,7 +104,7 @@ impl State {
         self.turns
     }
 
-    /// Ends the connection that waits longest on a place of the kind, if there is one.
+    /// Closes the connection that has waited longest on a place of this kind, if there is one.
     fn make_room(&mut self, kept: bool) -> bool {
         let mut idle = self.idle.iter();
         let longest = idle.find(|(_, (_, on_kept))| *on_kept == kept);
@@ -122,7 +123,7 @@ impl State {
 }
 
 impl Place {
-    /// Notes that a request is worked on, until what is returned is dropped.
+    /// Marks a request as in progress until the returned guard is dropped.
     pub(in crate::http) fn work(self: &Arc<Self>) -> Work {
         if let Some(turn) = self.turn().take() {
             self.all.state().idle.remove(&turn);
@@ -148,7 +149,7 @@ impl Drop for Place {
     }
 }
 
-/// A request that is worked on.
+/// Guard of a request in progress.
 #[derive(Debug)]
 pub(in crate::http) struct Work(Arc<Place>);
 
@@ -160,7 +161,7 @@ impl Drop for Work {
     }
 }
 
-/// A body whose request is worked on until it was sent.
+/// A response body that keeps its request in progress until it has been sent.
 #[derive(Debug)]
 pub(in crate::http) struct Watched {
     body: Body,

@@ -34,7 +34,7 @@ const PAUSE: Duration = Duration::from_millis(100);
 /// Time that a probe has for its request's header where all other places are taken.
 const PROBE_PATIENCE: Duration = Duration::from_secs(2);
 
-/// What is answered there.
+/// The paths that count as probes.
 const PROBES: [&str; 3] = ["/livez", "/readyz", "/metrics"];
 
 /// Most bytes of a request's line and headers; hyper answers 431 to more.
@@ -100,18 +100,18 @@ pub async fn serve(listener: TcpListener, app: AppState, close: CancellationToke
     }
 }
 
-/// The next connection, once there is a place for it.
+/// Accepts the next connection and waits for a place for it.
 async fn accept(
     listener: &TcpListener,
     places: &Arc<Places>,
 ) -> io::Result<(tokio::net::TcpStream, Peer, Place)> {
-    // Not before a client is there: somebody else gives up the place.
+    // Only once a client is there, because taking a place may close another connection.
     let (stream, peer) = listener.accept().await?;
     stream.set_nodelay(true)?;
     Ok((stream, Peer(peer), places.take().await))
 }
 
-/// The answer to a request, whose connection is at work until it was sent.
+/// Answers a request. Its connection counts as busy until the answer has been sent.
 async fn answer(
     place: Arc<Place>,
     router: Router,

@@ -26,7 +26,7 @@ pub(in crate::http) const MAX_POINTS: usize = 100_000;
 /// Largest body: [`MAX_POINTS`] of three numbers written out in full, with room for blanks.
 pub(in crate::http) const MAX_BODY_BYTES: usize = 16 << 20;
 
-/// Most members of a request: two are known, and what is wrong with the others is told.
+/// Most members of a request. Two are known; more are read only to name them in the problem.
 const MAX_MEMBERS: usize = 16;
 
 /// Most multiplications of a request: about ten seconds of one core.
@@ -50,7 +50,7 @@ pub(in crate::http) async fn evaluate(
         .acquire()
         .await
         .map_err(ApiError::internal)?;
-    // Millions of numbers take their time to read, too.
+    // Parsing millions of numbers blocks as well.
     let (answer, place) = upload::blocking(move || {
         let asked = Asked::of(&body)?;
         let answer = answer(&model, asked)?;
@@ -87,8 +87,8 @@ impl Asked {
     }
 }
 
-/// The members of an object as they are written: a document of `serde_json` values would take some 20 times
-/// the memory of its text.
+/// The members of an object as raw text. Parsed into `serde_json` values they would take about 20
+/// times the memory.
 struct Object<'b>(BTreeMap<String, &'b RawValue>);
 
 impl<'de> Deserialize<'de> for Object<'de> {
@@ -115,12 +115,12 @@ impl<'de> Visitor<'de> for Object<'de> {
     }
 }
 
-/// Points as they are read, each for itself, so that what is wrong with one can be told.
+/// Points parsed one by one, so that a problem can name the point at fault.
 #[derive(Default)]
 struct Points {
     read: Vec<Vec3>,
     count: usize,
-    /// The first that is none.
+    /// The first item that is not a point.
     fault: Option<(usize, String)>,
 }
 
@@ -161,7 +161,8 @@ fn typed<T: DeserializeOwned>(raw: &RawValue) -> std::result::Result<T, String> 
     serde_json::from_str(raw.get()).map_err(|error| plain(&error))
 }
 
-/// Without the place in the text, which counts from the beginning of the value.
+/// The message of a parse error without its position, which counts from the start of the value and
+/// would mislead.
 fn plain(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let end = text.find(" at line ").unwrap_or(text.len());

@@ -19,7 +19,7 @@ use crate::reconstruction::training::{Column, Metrics, csv};
 /// Rows read at once.
 const PAGE: u32 = 20_000;
 
-/// Fewest points that hold the extremes of every series.
+/// Fewest points in which the extremes of every column fit.
 const MIN_POINTS: usize = 16;
 
 /// GET /v1/jobs/{id}/gradients
@@ -113,8 +113,8 @@ pub(in crate::http) async fn metrics(
         .into_response())
 }
 
-/// A list of each block a quantity, as the report has them; none before there is a report, or where there are no
-/// blocks.
+/// One list for each quantity, with a value for each block, from the report. Empty before there is a
+/// report, and without blocks.
 fn blocks(job: &Job) -> Json<api::Blocks<'_>> {
     let report = job.report.as_ref();
     let blocks = report
@@ -156,9 +156,9 @@ fn fields(list: &str) -> std::result::Result<Vec<Column>, String> {
     Ok(Column::ALL.into_iter().filter(wanted).collect())
 }
 
-/// At most `points` rows: the first, the last, and of each of equal stretches those where a curve
-/// among the `fields` has its smallest and largest value, so that no peak of it is lost; without a
-/// curve the first of each.
+/// Thins the series to at most `points` rows without losing a peak: the first row, the last, and
+/// from each of equal stretches the rows where one of the curves among `fields` is smallest or
+/// largest. Without a curve, the first row of each stretch.
 fn thin(rows: Vec<Metrics>, fields: &[Column], points: usize) -> Vec<Metrics> {
     let is_curve = |field: &&Column| rows.iter().any(|row| field.number(row).is_some());
     let curves: Vec<&Column> = fields.iter().filter(is_curve).collect();
@@ -217,7 +217,7 @@ impl Format {
         }
     }
 
-    /// What the client likes best; without a wish JSON.
+    /// The format that the client prefers; JSON by default.
     fn accepted(headers: &HeaderMap) -> Result<Self> {
         let offers = [
             ("application/json", Self::Json),

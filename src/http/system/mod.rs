@@ -1,4 +1,4 @@
-//! What may be asked for, and how the service is.
+//! Presets, limits, version, health, metrics and documents.
 
 pub(in crate::http) mod docs;
 
@@ -28,7 +28,7 @@ use crate::reconstruction::Preset;
 use crate::reconstruction::cloud::MAX_HEADER_BYTES;
 use crate::reconstruction::settings::{BOUNDS, Bound, MAX_CHOSEN_EVALUATIONS};
 
-/// Time after which the database counts as not writable: probes give up after some seconds.
+/// Time after which the database counts as not writable. Probes give up after some seconds.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// GET /v1/presets
@@ -185,8 +185,8 @@ pub(in crate::http) async fn metrics(
     ))
 }
 
-/// `OpenMetrics` in the older text format: names of counters and of what is told of the build have
-/// their endings everywhere, and there is no type `info`, no unit and no end.
+/// Converts `OpenMetrics` to the older Prometheus text format. There, the names of counters and infos
+/// have their suffix in comments too, and there is no type `info`, no unit and no end mark.
 fn plain_metrics(open: &str) -> String {
     let mut plain = String::with_capacity(open.len());
     let mut help = None;
@@ -232,7 +232,7 @@ pub(in crate::http) async fn start() -> Response {
     page(docs::start())
 }
 
-/// Pages of ours load nothing from elsewhere and run nothing.
+/// Our pages load nothing from elsewhere and run no scripts.
 fn page(html: &'static str) -> Response {
     let policy = HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'");
     let name = HeaderName::from_static("content-security-policy");

@@ -1,7 +1,7 @@
-//! What Prometheus is told of jobs, workers and storage. No job has a series of its own.
+//! Metrics of jobs, workers and storage. No job has a series of its own.
 //!
-//! Counters follow the events, as the feed hands them on; so they count from the start of the
-//! process. Gauges are read when they are asked for.
+//! Counters follow the events of the feed, so they count from the start of the process. Gauges are
+//! read when Prometheus asks.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -32,7 +32,7 @@ const SECONDS: [f64; 12] = [
 /// Upper bounds of the triangles of a mesh: from a thousand to ten million.
 const TRIANGLES: [f64; 9] = [1e3, 3e3, 1e4, 3e4, 1e5, 3e5, 1e6, 3e6, 1e7];
 
-/// Most running jobs whose loss is told; a server has one a worker.
+/// Most running jobs whose loss is shown. A server has at most one for each worker.
 const MAX_RUNNING: u32 = 256;
 
 /// One label: its name is the field's.
@@ -77,7 +77,7 @@ pub(in crate::http) struct Gauges {
 }
 
 impl Gauges {
-    /// New ones, known to the registry.
+    /// New metrics, added to the registry.
     pub(in crate::http) fn new(registry: &mut Registry) -> Self {
         let gauges = Self {
             queue_wait: Histogram::new(SECONDS),
@@ -98,7 +98,7 @@ impl Gauges {
             running: Mutex::default(),
         };
         let g = &gauges;
-        // There from the start: an increase cannot be seen of a series that begins with it.
+        // Created at the start: Prometheus sees no increase in the first sample of a series.
         for (status, code) in [
             ("succeeded", ""),
             ("cancelled", ""),
@@ -245,7 +245,7 @@ impl Gauges {
         }
     }
 
-    /// Reads what is read when it is asked for.
+    /// Updates all gauges.
     ///
     /// # Errors
     /// Those of the store.
@@ -290,7 +290,7 @@ impl Gauges {
         // Slots come and go with their workers.
         self.loss.clear();
         for job in store.list_jobs(&running, None, MAX_RUNNING).await? {
-            // Only the number: a worker that is started again must not begin a new series.
+            // The slot, not the process: a restarted worker continues the series.
             let slot = job.worker.as_deref().and_then(slot_of);
             if let (Some(slot), Some(loss)) = (slot, job.loss) {
                 let slot = slot.to_string();
@@ -326,7 +326,7 @@ impl Gauges {
     }
 }
 
-/// Bytes of the files in a folder, which has no folders.
+/// Bytes of the files directly in a folder.
 fn folder_bytes(folder: &Path) -> u64 {
     let Ok(entries) = folder.read_dir() else {
         return 0;

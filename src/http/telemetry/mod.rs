@@ -1,4 +1,4 @@
-//! What Prometheus is told; only `/metrics` reads it.
+//! Metrics of requests, for `/metrics` only.
 
 pub(in crate::http) mod gauges;
 
@@ -15,7 +15,8 @@ const DURATIONS: [f64; 12] = [
     0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 60.0, 300.0,
 ];
 
-/// Labels of a request. The route is a pattern: ids would make a series of every job.
+/// Labels of a request. The route is the pattern, not the path: ids would create a series for each
+/// job.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
 struct RequestLabels {
     method: &'static str,

@@ -1,4 +1,4 @@
-//! Bodies that are held in memory: how much all of them may take, and how slowly they may come.
+//! Limits of bodies in memory: how much they may take together, and how slowly they may arrive.
 
 use std::future::Future;
 use std::ops::Deref;
@@ -19,20 +19,20 @@ pub(in crate::http) const JSON_LIMIT: usize = 64 * 1024;
 /// Bytes that all bodies of at most [`JSON_LIMIT`] may have together.
 const SMALL_BYTES: usize = 32 << 20;
 
-/// Bytes that all larger ones may have together. They have a total of their own: they must not
-/// keep jobs from being submitted.
+/// Bytes that all larger bodies may have together. The total is separate so that they cannot keep
+/// jobs from being submitted.
 const LARGE_BYTES: usize = 64 << 20;
 
-/// Bytes of an upload that are gathered before a thread is asked to write them.
+/// Bytes of an upload that are collected before a thread writes them.
 pub(in crate::http) const BATCH: usize = 256 * 1024;
 
-/// Uploads that gather at the same time; more of them write what comes as it comes.
+/// Uploads that may collect batches at the same time. Further ones write each chunk at once.
 const BATCHES: usize = 128;
 
 /// How long a body waits for its place.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Bytes in each second that a body must bring.
+/// Least bytes per second of a body.
 pub(in crate::http) const LEAST_RATE: u64 = 1_024;
 
 /// Memory for bodies.
@@ -54,7 +54,7 @@ impl Default for Bodies {
 }
 
 impl Bodies {
-    /// A place for a body of at most `limit` bytes, of which so many are declared.
+    /// Waits for memory for a body of at most `limit` bytes; `declared` is its `Content-Length`.
     ///
     /// # Errors
     /// [`Code::BodyTooLarge`]; [`Code::RateLimited`] when there is no place for a while.
@@ -84,13 +84,13 @@ impl Bodies {
         })
     }
 
-    /// A place for a batch of an upload, if one is free.
+    /// A permit to collect batches, if one is free.
     pub(in crate::http) fn batch(&self) -> Option<OwnedSemaphorePermit> {
         Arc::clone(&self.batches).try_acquire_owned().ok()
     }
 }
 
-/// A body in memory, which gives its place back when it is dropped.
+/// A body in memory. Dropping it frees its share.
 #[derive(Debug)]
 pub(in crate::http) struct Gathered {
     bytes: BytesMut,
@@ -99,7 +99,7 @@ pub(in crate::http) struct Gathered {
 }
 
 impl Gathered {
-    /// Takes what comes next.
+    /// Appends a chunk.
     ///
     /// # Errors
     /// [`Code::BodyTooLarge`].
@@ -111,7 +111,7 @@ impl Gathered {
         Ok(())
     }
 
-    /// The place alone, for what is made of the body.
+    /// The permit alone, for what is made from the body.
     pub(in crate::http) fn into_place(self) -> OwnedSemaphorePermit {
         self.place
     }
@@ -125,7 +125,7 @@ impl Deref for Gathered {
     }
 }
 
-/// An answer that holds the place of its body until it was sent.
+/// A response that keeps the share of its request body until it has been sent.
 pub(in crate::http) fn held(answer: Bytes, place: OwnedSemaphorePermit) -> axum::body::Body {
     const PIECE: usize = 64 * 1024;
     let state = (answer, place);
@@ -134,11 +134,12 @@ pub(in crate::http) fn held(answer: Bytes, place: OwnedSemaphorePermit) -> axum:
         let piece = (!piece.is_empty()).then_some(Ok::<_, std::convert::Infallible>(piece));
         piece.map(|piece| (piece, (rest, place)))
     });
-    // Compression asks once more after the end.
+    // The compression layer polls once more after the end.
     axum::body::Body::from_stream(pieces.fuse())
 }
 
-/// How a body comes: it may not stand still, nor trickle for ever. Only waiting counts.
+/// Watches how fast a body arrives: it must neither stall nor trickle. Only time spent waiting
+/// counts.
 #[derive(Debug)]
 pub(in crate::http) struct Pace {
     patience: Duration,
@@ -147,7 +148,7 @@ pub(in crate::http) struct Pace {
 }
 
 impl Pace {
-    /// For a client that may be silent so long.
+    /// For a client that may be silent for the given time.
     pub(in crate::http) fn new(patience: Duration) -> Self {
         Self {
             patience,
@@ -156,7 +157,7 @@ impl Pace {
         }
     }
 
-    /// Waits for what comes next.
+    /// Waits for the next part.
     ///
     /// # Errors
     /// [`Code::UploadTimeout`].
@@ -172,7 +173,7 @@ impl Pace {
         Ok(came)
     }
 
-    /// Counts what came.
+    /// Counts received bytes.
     pub(in crate::http) fn came(&mut self, bytes: usize) {
         self.bytes += bytes as u64;
         if self.bytes >= self.least() {

@@ -1,4 +1,4 @@
-//! Bodies as they come in: raw, as a form, or as a little JSON; never waited for without end.
+//! Reads request bodies: a raw file, a form, or JSON. Every wait for a client has a limit.
 
 pub(in crate::http) mod bodies;
 pub(in crate::http) mod spool;
@@ -30,7 +30,7 @@ const LINGER: Duration = Duration::from_secs(2);
 pub(in crate::http) struct Upload {
     /// The file.
     pub(in crate::http) spooled: Spooled,
-    /// Format that media type or name suggest, for contents that do not show theirs.
+    /// Format suggested by media type or file name, for contents that do not show theirs.
     pub(in crate::http) hint: Option<Format>,
 }
 
@@ -43,7 +43,7 @@ pub(in crate::http) enum Payload {
     File(Upload, Option<Gathered>),
 }
 
-/// Takes in a body: a form or JSON where `Content-Type` says so, anything else as a file.
+/// Reads a body: a form or JSON if `Content-Type` says so, otherwise a raw file.
 ///
 /// # Errors
 /// What is wrong with headers, form, encoding, size or pace.
@@ -62,7 +62,7 @@ pub(in crate::http) async fn receive(app: &AppState, request: Request) -> Result
     }
 }
 
-/// The whole of a JSON body of at most `limit` bytes; nothing at all gives no bytes.
+/// Reads a whole JSON body of at most `limit` bytes. An absent body gives no bytes.
 ///
 /// # Errors
 /// [`Code::BodyTooLarge`], [`Code::UnsupportedEncoding`], [`Code::UploadTimeout`],
@@ -106,8 +106,8 @@ async fn raw(app: &AppState, headers: &HeaderMap, body: Body) -> Result<Spooled>
     receiver.finish().await
 }
 
-/// Goes on reading a refused body for a while: closing a socket with unread bytes resets the
-/// connection, and a client that still writes would lose the answer.
+/// Keeps reading a refused body for a while. Closing a socket with unread bytes resets the
+/// connection, and a client that still writes would not get the answer.
 fn linger(mut stream: BodyDataStream) {
     let drained = async move { while let Some(Ok(_)) = stream.next().await {} };
     tokio::spawn(tokio::time::timeout(LINGER, drained));
@@ -173,13 +173,13 @@ fn broken(error: &MultipartError) -> ApiError {
         StatusCode::PAYLOAD_TOO_LARGE => {
             ApiError::new(Code::BodyTooLarge, "the form is larger than allowed")
         }
-        // The form could not be read, whatever is in it.
+        // Reading the connection failed; the form itself is not at fault.
         StatusCode::INTERNAL_SERVER_ERROR => broken_off(error),
         _ => ApiError::new(Code::MalformedMultipart, error.body_text()),
     }
 }
 
-/// `Content-Length`, where the length is told.
+/// `Content-Length`, if it is given.
 fn length(headers: &HeaderMap) -> Result<Option<u64>> {
     let Some(length) = header(headers, &CONTENT_LENGTH)? else {
         return Ok(None);
@@ -209,7 +209,7 @@ async fn next_of(pace: &mut Pace, part: &mut Field<'_>) -> Result<Option<Bytes>>
     Ok(chunk)
 }
 
-/// The client is gone or its framing is broken: hardly anyone reads this answer.
+/// The client is gone or its framing is broken. Hardly anyone will read this answer.
 fn broken_off(error: &dyn std::error::Error) -> ApiError {
     tracing::debug!(error.message = %error, "a body broke off");
     ApiError::new(
@@ -218,13 +218,13 @@ fn broken_off(error: &dyn std::error::Error) -> ApiError {
     )
 }
 
-/// Gathers chunks into batches and has them written where blocking does not hurt. No thread waits
-/// for a client: a thousand slow uploads hold none.
+/// Collects chunks into batches, which a blocking thread writes. No thread waits for a client, so a
+/// thousand slow uploads occupy none.
 struct Receiver {
-    /// Away while a thread writes.
+    /// None while a thread writes.
     spool: Option<Spool>,
     batch: BytesMut,
-    /// Without a place nothing is gathered.
+    /// Permit to collect a batch; without one, every chunk is written at once.
     place: Option<OwnedSemaphorePermit>,
 }
 
@@ -269,14 +269,14 @@ impl Receiver {
         .await?
     }
 
-    /// An error ends the upload, so the spool is there unless a caller went on after one.
+    /// The spool. It is missing only if the caller continued after an error.
     fn take(&mut self) -> Result<Spool> {
         let spool = self.spool.take();
         spool.ok_or_else(|| ApiError::internal("an upload went on after its end"))
     }
 }
 
-/// Runs work that blocks.
+/// Runs blocking work on a thread for it.
 pub(in crate::http) async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T> {
@@ -285,7 +285,7 @@ pub(in crate::http) async fn blocking<T: Send + 'static>(
         .map_err(ApiError::internal)
 }
 
-/// The format that a media type names, as far as it names one.
+/// The format that a media type stands for, if any.
 fn format_of_media_type(essence: &str) -> Option<Format> {
     Some(match essence.trim().to_ascii_lowercase().as_str() {
         "application/x-ply" | "application/ply" | "model/ply" => Format::Ply,

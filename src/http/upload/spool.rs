@@ -1,4 +1,4 @@
-//! From the bytes of a body to a file: decoded, hashed and held to its limits on the way.
+//! Writes a body to a file; decodes, hashes and limits it on the way.
 //!
 //! Synchronous: the caller hands in batches on threads that may block.
 
@@ -15,7 +15,7 @@ use crate::http::wire::download::hex;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::intake::MAX_EXPANSION;
 
-/// Expansion is not held against bodies smaller than this.
+/// Bodies that expand to less than this may expand by any factor.
 const ALWAYS_ALLOWED: u64 = 1 << 20;
 
 /// Largest window of zstd: 8 MiB, as RFC 9659 sets it for content encodings.
@@ -50,10 +50,10 @@ impl Encoding {
     }
 }
 
-/// A body that is complete on disk, under a name that goes with it.
+/// A complete body on disk, in a temporary file.
 #[derive(Debug)]
 pub(in crate::http) struct Spooled {
-    /// The file; dropped, it is removed.
+    /// The file. Dropping it removes it.
     pub(in crate::http) file: NamedTempFile,
     /// SHA-256 in hexadecimal digits.
     pub(in crate::http) sha256: String,
@@ -74,7 +74,7 @@ enum Decoder {
 }
 
 impl Spool {
-    /// An empty file in `folder` for a body that may have so many bytes, as sent and decoded.
+    /// An empty file in `folder`, for a body of at most `limit` bytes both as sent and decoded.
     ///
     /// # Errors
     /// `Internal` when the file cannot be made.

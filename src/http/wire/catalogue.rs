@@ -89,7 +89,7 @@ catalogue! {
 }
 
 impl Code {
-    /// What the table says of it.
+    /// Its row in the table.
     pub fn entry(self) -> Entry {
         // The table is written in the order of the variants.
         CATALOGUE[self as usize]

@@ -1,5 +1,5 @@
-//! Answers with a body that is worth resuming: strong `ETag`, ranges, conditional requests
-//! (RFC 9110 sections 13 and 14).
+//! Downloads that can be resumed: strong `ETag`, ranges, conditional requests (RFC 9110 sections 13
+//! and 14).
 
 use std::io::{self, SeekFrom};
 use std::ops::Range;
@@ -36,7 +36,7 @@ pub(in crate::http) struct Download {
     pub(in crate::http) sha256: String,
     /// Media type.
     pub(in crate::http) media_type: &'static str,
-    /// Name under which a browser keeps it; plain ASCII.
+    /// File name for browsers; plain ASCII.
     pub(in crate::http) file_name: String,
 }
 
@@ -84,7 +84,7 @@ impl Content {
             }
             Self::Memory(bytes) => Ok(bytes.slice(range.start as usize..range.end as usize).into()),
             Self::Stored { store, mesh } => {
-                // One that was erased is not begun.
+                // An erased mesh is not started.
                 let first = part(&store, &mesh, range.clone()).await?;
                 let rest = range.start + first.len() as u64..range.end;
                 let parts = stream::try_unfold(rest, move |left| {
@@ -105,7 +105,7 @@ impl Content {
     }
 }
 
-/// The first bytes of a range that is not empty: up to the end of the chunk that they are in.
+/// The first bytes of a non-empty range, up to the end of their chunk.
 async fn part(store: &Store, mesh: &MeshInfo, range: Range<u64>) -> io::Result<Bytes> {
     let chunk_bytes = CHUNK_BYTES as u64;
     let (position, offset) = (range.start / chunk_bytes, range.start % chunk_bytes);
@@ -173,7 +173,7 @@ fn text(value: &str) -> Result<HeaderValue> {
     HeaderValue::from_str(value).map_err(ApiError::internal)
 }
 
-/// Whether the client has this version already; weak and strong tags compare alike here.
+/// Whether the client has this version already. Weak and strong tags compare equal here.
 pub(in crate::http) fn none_match(request: &HeaderMap, etag: &str) -> bool {
     let opaque = |tag: &str| tag.trim().trim_start_matches("W/").to_owned();
     lists(request, &IF_NONE_MATCH, |tag| opaque(tag) == opaque(etag))
@@ -217,7 +217,7 @@ fn asked_range(request: &HeaderMap, etag: &str, total: u64) -> Asked {
     if !digits(first) || !digits(last) {
         return Asked::Whole;
     }
-    // Digits beyond u64 are a position beyond every content.
+    // A number too large for u64 is beyond every content.
     let number = |text: &str| text.parse::<u64>().unwrap_or(u64::MAX);
     let range = match (first, last) {
         ("", "") => return Asked::Whole,

@@ -1,7 +1,8 @@
-//! What goes wrong, as a client sees it: RFC 9457 problems, and the one table of codes.
+//! Errors as clients see them: RFC 9457 problems.
 //!
-//! Only this file knows status codes. The rooms below have codes of their own, which are found in
-//! the table by name; what is not there is `internal`, logged once, and told without its insides.
+//! Only this file and the catalogue know status codes. The rooms below have codes of their own, which
+//! the catalogue contains by name. A code that it does not contain becomes `internal`: it is
+//! logged once, and the client learns no details.
 
 use axum::Json;
 use axum::http::header::{CONTENT_TYPE, RETRY_AFTER};
@@ -44,7 +45,7 @@ impl ApiError {
             code,
             detail: detail.into(),
             errors: Vec::new(),
-            // The contract: 429 and 503 say when to come again, and so do waits for an end.
+            // The contract promises `Retry-After` for these statuses.
             retry_after: (entry.retryable && matches!(entry.status, 409 | 429 | 503 | 507))
                 .then_some(if entry.status == 507 { 60 } else { 1 }),
             members: Map::new(),
@@ -66,7 +67,7 @@ impl ApiError {
         )
     }
 
-    /// What stays of something erased.
+    /// Something that was erased.
     pub fn gone(what: &str, tombstone: &Tombstone) -> Self {
         let deleted_at = api::Time(tombstone.deleted_at);
         Self::new(

@@ -1,4 +1,4 @@
-//! What requests carry, taken apart with problems of our own: axum's rejections are plain text.
+//! Extractors that fail with our own problems; the rejections of axum are plain text.
 
 use std::collections::BTreeMap;
 use std::str::FromStr;
@@ -16,7 +16,7 @@ use crate::http::wire::error::{ApiError, Code, Result};
 use crate::jobs::Fault;
 use crate::nearest::did_you_mean;
 
-/// The id of a path, `{id}`. A text that is none is a resource that does not exist.
+/// The id of the path, `{id}`. Anything else is answered as a resource that does not exist.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Id<T>(pub(in crate::http) T);
 
@@ -36,8 +36,8 @@ impl<T: FromStr> FromRequestParts<AppState> for Id<T> {
     }
 }
 
-/// Named values of a query or a JSON object: each is taken once, what is left over is refused,
-/// and all faults are told together.
+/// Named values of a query or a JSON object. Each is taken once, what is left is refused, and all
+/// faults are reported together.
 #[derive(Debug)]
 pub(in crate::http) struct Fields<V> {
     values: BTreeMap<String, V>,
@@ -46,9 +46,9 @@ pub(in crate::http) struct Fields<V> {
     faults: Vec<Fault>,
 }
 
-/// A value that may stand for none.
+/// A value that can mean "absent".
 pub(in crate::http) trait Given {
-    /// Whether it does.
+    /// Whether it means that.
     fn is_absent(&self) -> bool {
         false
     }
@@ -56,7 +56,7 @@ pub(in crate::http) trait Given {
 
 impl Given for String {}
 
-/// Typed clients write null for what they leave out.
+/// Typed clients send null for what they leave out.
 impl Given for Value {
     fn is_absent(&self) -> bool {
         self.is_null()
@@ -79,7 +79,7 @@ impl<V: Given> Fields<V> {
         }
     }
 
-    /// A value that may be missing; `None` also for a faulty one, which [`Fields::finish`] tells.
+    /// An optional value. Also `None` for a faulty one, which [`Fields::finish`] reports.
     pub(in crate::http) fn take<T>(
         &mut self,
         name: &str,

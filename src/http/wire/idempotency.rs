@@ -1,8 +1,8 @@
 //! `Idempotency-Key`: a request that is repeated with its key is answered again, not done again.
 //!
-//! A key is begun before the work; the answer is kept with the work's own transaction where there
-//! is one (a submitted job), else right after it. Only successes are kept: a refused request may be
-//! mended and sent again, and one that was hung up on may be tried again.
+//! A key is begun before the work. The answer is stored in the transaction of the work if there is
+//! one (a submitted job), otherwise right after it. Only successes are stored: a refused request may
+//! be corrected and sent again, and so may one whose client hung up.
 
 use std::time::Duration;
 
@@ -32,7 +32,7 @@ pub(in crate::http) const KEPT_MS: i64 = 24 * 60 * 60 * 1_000;
 /// How often old answers are forgotten.
 const TIDY_EVERY: Duration = Duration::from_mins(10);
 
-/// Forgets old answers as time goes by. Never ends.
+/// Removes old answers again and again. Never ends.
 pub(in crate::http) async fn tidy(app: AppState) {
     loop {
         let before = app.store.now() - KEPT_MS;
@@ -43,7 +43,7 @@ pub(in crate::http) async fn tidy(app: AppState) {
     }
 }
 
-/// A request as far as repetition is concerned.
+/// What identifies a request when it is repeated.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Request {
     key: Option<String>,
@@ -71,8 +71,7 @@ impl Request {
         Ok(request)
     }
 
-    /// Refuses new work while none is taken; a request that was answered before goes on to its
-    /// answer.
+    /// Refuses new work while the service accepts none. A request that was answered before passes.
     ///
     /// # Errors
     /// [`Code::Draining`], [`Code::InsufficientStorage`], and those of the store.
@@ -87,7 +86,7 @@ impl Request {
         if answered { Ok(()) } else { Err(refusal) }
     }
 
-    /// Adds a part of what makes the request this one: a body, or the hash of one.
+    /// Adds a body, or its hash, to what identifies the request.
     pub(in crate::http) fn content(&mut self, part: &[u8]) {
         self.hash.update((part.len() as u64).to_le_bytes());
         self.hash.update(part);
@@ -128,7 +127,7 @@ impl Request {
     }
 }
 
-/// What the beginning of a key found.
+/// The outcome of beginning a key.
 pub(in crate::http) enum Begun {
     /// Nothing: the work is to be done.
     New(Attempt),
@@ -136,8 +135,8 @@ pub(in crate::http) enum Begun {
     Replay(Response),
 }
 
-/// The work under a key. Dropped without an answer (an error, a client that hung up) it forgets the
-/// key; the store ignores that when the answer was kept after all.
+/// The work under a key. If it is dropped without an answer, because of an error or a client that
+/// hung up, the key is forgotten. The store ignores that if the answer was stored after all.
 pub(in crate::http) struct Attempt(Option<Open>);
 
 struct Open {
@@ -195,7 +194,7 @@ impl Attempt {
             .idempotency_complete(&open.key, &open.scope, subject, stored)
             .await;
         match kept {
-            // Pruned meanwhile: the work is done all the same.
+            // The key was pruned meanwhile. The work is done nevertheless.
             Ok(()) | Err(jobs::Error::Stale) => {}
             Err(error) => return Err(error.into()),
         }

@@ -1,5 +1,5 @@
-//! What HTTP itself asks for, whatever the resource: parts of a request read, answers and problems
-//! written, pages, ranges, tags, keys against repetition.
+//! HTTP itself, independent of the resource: reading parts of requests, writing answers and problems,
+//! pages, ranges, tags, idempotency keys.
 
 pub(in crate::http) mod accept;
 pub(in crate::http) mod catalogue;

@@ -1,5 +1,5 @@
-//! Pages of lists: newest first, each after the last item of the one before. Items that are added
-//! meanwhile come before the first page, so nothing is shown twice or left out.
+//! Pages of lists, newest first. A page starts after the last item of the one before; new items
+//! come before the first page, so nothing is repeated or left out.
 
 use std::str::FromStr;
 
@@ -57,7 +57,7 @@ impl<T: FromStr> Page<T> {
         })
     }
 
-    /// Cuts what was found, one more than the limit, to a page.
+    /// Cuts the items, of which one more than the limit was read, to a page.
     pub(in crate::http) fn cut<I>(&self, mut found: Vec<I>, id: impl Fn(&I) -> &str) -> PageOf<I> {
         let more = found.len() > self.limit as usize;
         found.truncate(self.limit as usize);
@@ -92,7 +92,7 @@ impl Next {
     }
 }
 
-/// Cursors are opaque, so that nobody builds one: what they hold may change.
+/// Cursors are opaque because their content may change.
 fn veil(id: &str) -> String {
     crate::http::wire::download::hex(id.as_bytes())
 }

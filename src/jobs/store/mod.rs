@@ -57,7 +57,7 @@ pub const CONTENT_FILE: &str = "content.db";
 /// Connections that read: a read takes well under a millisecond, so four serve thousands a second.
 const READERS: u32 = 4;
 
-/// What the store is told.
+/// Options of a store.
 #[derive(Clone)]
 pub struct Options {
     /// Most jobs that may wait; a job that goes back into the queue is never refused.
@@ -70,7 +70,7 @@ pub struct Options {
     pub metrics_limit: i64,
     /// How long a write waits for another process before it fails with `Busy`.
     pub busy_timeout: Duration,
-    /// The name of the process: what it leaves unfinished is found by it.
+    /// Name of the process, by which its unfinished content is found.
     pub process: String,
     /// Bytes of the disk that are set aside for erasing on a full one.
     pub ballast_bytes: u64,
@@ -97,7 +97,7 @@ impl Default for Options {
 /// What is done in a transaction.
 type Work<T> = Box<dyn for<'c> FnOnce(Transaction<'c>) -> BoxFuture<'c, Result<T>> + Send>;
 
-/// A process's hold on the database; clones share it.
+/// The connections of a process to the database. Clones share them.
 #[derive(Clone)]
 pub struct Store {
     inner: Arc<Inner>,
@@ -173,7 +173,7 @@ impl Store {
         self.inner.changed.subscribe()
     }
 
-    /// Tells all subscribers that another process has committed.
+    /// Tells all subscribers that another process committed something.
     pub fn wake(&self) {
         self.inner.changed.send_modify(|commits| *commits += 1);
     }

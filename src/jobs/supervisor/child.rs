@@ -14,16 +14,17 @@ use super::{Living, Options, Supervisor, memory};
 use crate::jobs::FailureReason;
 use crate::jobs::worker::{SIGN_OF_LIFE, worker_name};
 
-/// Time between two looks at the memory: what a worker can take in it, it may overrun its limit by.
+/// Time between two checks of the memory. A worker can exceed its limit by what it takes in this
+/// time.
 const MEMORY_LOOK: Duration = Duration::from_millis(250);
-/// A worker that does not empty its pipe for so long is woken by its poll.
+/// How long to wait for a full pipe. After that the worker wakes by its own poll.
 const WRITE_PATIENCE: Duration = Duration::from_millis(100);
 
 /// A worker process and its pipes.
 pub(super) struct Child {
     name: String,
     process: tokio::process::Child,
-    /// Dropped to say that the service ends.
+    /// Dropped to say that the service stops.
     stdin: Option<ChildStdin>,
     stdout: Lines<BufReader<ChildStdout>>,
 }
@@ -57,8 +58,8 @@ impl Child {
         &self.name
     }
 
-    /// Wakes the worker, passes its news on, holds it to its memory, and ends it at the shutdown or
-    /// when it is condemned. Returns why it ended, as a job that it leaves is to know.
+    /// Stays with the worker: wakes it, passes its news on, limits its memory, and ends it at the
+    /// shutdown or when it is condemned. Returns why it ended, for the job that it leaves.
     pub(super) async fn attend(
         mut self,
         supervisor: &Supervisor,
@@ -108,7 +109,7 @@ impl Child {
 
     async fn wake(&mut self) {
         if let Some(stdin) = &mut self.stdin {
-            // A pipe that is full or broken wakes nobody; the poll does.
+            // If the pipe is full or broken, the worker's own poll wakes it.
             drop(tokio::time::timeout(WRITE_PATIENCE, stdin.write_all(b".")).await);
         }
     }
@@ -128,7 +129,7 @@ impl Child {
     fn terminate(&mut self) {
         self.stdin = None;
         let pid = self.process.id().and_then(|pid| Pid::from_raw(pid as i32));
-        // One that has ended needs no signal.
+        // A worker that has ended needs no signal.
         if let Some(Err(error)) = pid.map(|pid| kill_process(pid, Signal::TERM)) {
             tracing::debug!(worker = %self.name, error.message = %error, "no signal was sent");
         }

@@ -1,15 +1,15 @@
-//! Keeps the worker processes: starts them and starts them again, wakes them, and settles what
-//! they leave.
+//! Keeps the worker processes running: starts and restarts them, wakes them, and cleans up after
+//! those that die.
 //!
-//! After its orders, the first line, pipes only wake. A byte into a worker's standard input says that something waits; its end says
-//! that the server is gone, however it went: the worker gives its job back and ends. A line out of
-//! a worker says that rows were written, so that event streams look. Without them polls of a second
-//! would do the same.
+//! A worker gets its orders as the first line of its standard input. After that, pipes only wake. A
+//! byte to a worker says that a job waits. The end of its input says that the server is gone, for
+//! whatever reason: the worker gives its job back and ends. A line from a worker says that it wrote
+//! rows, so that event streams read them. Without the pipes, polls every second would do the same.
 //!
-//! A worker that dies holds a job that nobody works on: it is settled at once, not when its lease
-//! runs out. The leases are for what nobody sees: a worker that is stopped, or the death of both. A
-//! worker that gives signs of life keeps its job although its lease ran out: a slow disk delays
-//! renewals, and the time of day jumps when a machine wakes.
+//! The job of a worker that dies is settled at once, not when its lease expires. Leases are for what
+//! the supervisor cannot see: a worker that is stopped, or the death of worker and server. A worker
+//! that gives signs of life keeps its job even if its lease has expired: a slow disk delays renewals,
+//! and the time of day jumps when a machine wakes up.
 
 mod child;
 mod memory;
@@ -37,19 +37,19 @@ use pulse::Pulse;
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 /// Longest pause.
 const LONGEST_PAUSE: Duration = Duration::from_secs(5);
-/// A worker that lived so long did not die of its start.
+/// A worker that lived this long was started successfully.
 const HEALTHY: Duration = Duration::from_secs(10);
-/// Pause between two rings, in which changes gather.
+/// Pause between two wake-ups, so that one covers several changes.
 const RING_PAUSE: Duration = Duration::from_millis(5);
 /// Tries to settle a dead worker's job, half a second apart; after that its lease runs out.
 const TRIES: u32 = 10;
 
-/// What a supervisor is told.
+/// Options of a supervisor.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// The program that is a worker.
     pub program: PathBuf,
-    /// Its arguments, but for `--slot`.
+    /// Its arguments, except `--slot`.
     pub arguments: Vec<OsString>,
     /// The first line on its standard input.
     pub orders: String,
@@ -170,7 +170,7 @@ impl Supervisor {
             tracing::warn!(worker = %name, ?reason, "a worker ended");
         }
         self.settle(&name, &reason).await;
-        // It may have died while it wrote some.
+        // It may have died while it wrote content.
         if let Err(error) = self.store.collect_garbage(Some(&name)).await {
             tracing::warn!(worker = %name, error.message = %error, "content without a row stays");
         }
@@ -192,7 +192,7 @@ impl Supervisor {
                 Err(error) => Err(error),
             };
             match result {
-                // Stale: it was settled in between.
+                // Stale: somebody else settled it.
                 Ok(_) | Err(Error::Stale | Error::Closed) => return,
                 Err(error) => {
                     tracing::warn!(worker, error.message = %error, "a dead worker's job waits");

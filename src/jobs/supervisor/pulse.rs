@@ -3,12 +3,12 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Looks without a sign of life after which a worker counts as silent: five seconds of them, of
-/// which it gives one each.
+/// Looks without a sign of life after which a worker counts as silent. There is one look a second,
+/// and a worker gives one sign a second.
 const LOOKS: u32 = 5;
 
-/// Counts the looks since the last sign of life. Not seconds: while the machine sleeps or the server
-/// is stopped nobody looks, and a worker that was stopped with it is not blamed.
+/// Counts the looks since the last sign of life. Looks, not seconds: nobody looks while the machine
+/// sleeps or the server is stopped, so a worker that was stopped too is not blamed.
 #[derive(Clone, Default)]
 pub(super) struct Pulse(Arc<AtomicU32>);
 

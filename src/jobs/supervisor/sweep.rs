@@ -1,4 +1,4 @@
-//! Leases that ran out, and who let them.
+//! Expired leases, and workers that no longer answer.
 
 use std::collections::BTreeSet;
 use std::sync::atomic::Ordering;
@@ -12,7 +12,7 @@ use crate::jobs::worker::LEASE_MS;
 use crate::jobs::{Job, JobFilter, Status};
 
 const INTERVAL: Duration = Duration::from_secs(1);
-/// More jobs than there are workers: at most 256, and as many of a server before this one.
+/// More than the running jobs there can be: at most 256 workers, and as many of an earlier server.
 const RUNNING_AT_MOST: u32 = 1_000;
 
 impl Supervisor {
@@ -53,7 +53,7 @@ impl Supervisor {
         }
     }
 
-    /// Feels the pulse of the living workers: those that give signs of life, and the others.
+    /// Splits the living workers into those that give signs of life and those that do not.
     fn look(&self) -> (BTreeSet<String>, BTreeSet<String>) {
         let living = self.living();
         let workers = living.iter().map(|(name, worker)| (name, &worker.pulse));

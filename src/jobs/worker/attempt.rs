@@ -20,13 +20,14 @@ use crate::reconstruction::in_pool;
 
 /// Time between two writes of progress: four a second are what a stream shows.
 const FLUSH: Duration = Duration::from_millis(250);
-/// Messages that the thread may be ahead of the async side.
+/// Messages that may wait between the thread and the async side.
 const CHANNEL: usize = 256;
-/// Tries of a write that another can hold up, and the pause between two of them.
+/// Tries of a write that another process or a full disk delays.
 const TRIES: u32 = 20;
+/// Pause between two tries.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// What the thread brings.
+/// The result of the thread.
 struct Finished {
     mesh: NewMesh,
     report: serde_json::Value,
@@ -53,8 +54,8 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    /// Works to the end of the attempt. Errors of the store are logged: what could not be written
-    /// is done again by the next attempt, once the lease has run out.
+    /// Runs the attempt to its end. Errors of the store are logged: the next attempt repeats what
+    /// could not be written, once the lease has expired.
     pub(super) async fn run(mut self) -> End {
         tracing::info!(job = %self.claim.job_id(), attempt = self.claim.attempt, "a job was claimed");
         (self.worker.signals.committed)(self.claim.job_id());
@@ -70,7 +71,7 @@ impl<'a> Attempt<'a> {
                     self.settle(Err(Failure::Stopped)).await;
                     return End::Hung;
                 }
-                // A thread that panicked answers nothing.
+                // A thread that panicked sends no result.
                 outcome
                     .await
                     .unwrap_or_else(|_| Err(Failure::internal("the computation panicked")))
@@ -81,7 +82,7 @@ impl<'a> Attempt<'a> {
         End::Stopped
     }
 
-    /// Starts the thread: its messages, and its outcome after the last of them.
+    /// Starts the thread. Returns its messages, and its result after the last of them.
     async fn start(
         &self,
     ) -> std::result::Result<(mpsc::Receiver<Message>, oneshot::Receiver<Outcome>), Failure> {
@@ -116,14 +117,14 @@ impl<'a> Attempt<'a> {
                         model: product.model,
                     })
                 });
-                // The other side is gone when the attempt was given up.
+                // Nobody receives it when the attempt was given up.
                 drop(reply.send(outcome));
             })
             .map_err(Failure::internal)?;
         Ok((messages, outcome))
     }
 
-    /// Writes what the thread tells until it ends, or does not although it was asked to.
+    /// Writes what the thread sends, until it ends or ignores a request to stop for too long.
     async fn listen(&mut self, mut messages: mpsc::Receiver<Message>) -> End {
         let control = Arc::clone(&self.control);
         let options = &self.worker.options;
@@ -179,7 +180,7 @@ impl<'a> Attempt<'a> {
                 self.written(result);
             }
             Message::Checkpoint { evaluation, data } => {
-                // An attempt that starts from it keeps the rows up to it: they come first.
+                // The rows up to the checkpoint first: an attempt that continues from it keeps them.
                 self.flush().await;
                 let data = Bytes::from(data);
                 let put = || {
@@ -201,7 +202,7 @@ impl<'a> Attempt<'a> {
         self.written(result);
     }
 
-    /// Passes the news on, or stops an attempt that can write no more.
+    /// Announces written rows, or stops the attempt if it can write no more.
     fn written(&self, result: Result<()>) {
         match result {
             Ok(()) => (self.worker.signals.committed)(self.claim.job_id()),
@@ -243,7 +244,7 @@ impl<'a> Attempt<'a> {
         (self.worker.signals.committed)(job);
     }
 
-    /// Says why nothing more is written.
+    /// Logs why nothing more is written.
     async fn lost(&self) {
         let (job, attempt) = (self.claim.job_id(), self.claim.attempt);
         if let Ok(Lookup::Gone(_)) = self.worker.store.job(job).await {
@@ -293,7 +294,7 @@ impl<'a> Attempt<'a> {
     }
 }
 
-/// Does a write again while another process or a full disk holds it up.
+/// Repeats a write while another process or a full disk delays it.
 async fn insist<T, F>(write: impl Fn() -> F) -> Result<T>
 where
     F: Future<Output = Result<T>>,

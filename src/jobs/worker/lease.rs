@@ -9,9 +9,9 @@ use tokio::time::MissedTickBehavior;
 use super::control::{Control, Stop};
 use crate::jobs::{Claim, Lease, Lookup, Status, Store};
 
-/// How long a job is held without a renewal, in milliseconds: three renewals may be lost.
+/// How long a job is held without a renewal, in milliseconds. Three renewals may be lost.
 pub const LEASE_MS: i64 = 6_000;
-/// Time between two renewals; also the longest that a cancellation goes unheard.
+/// Time between two renewals; also the longest time until a cancellation is heard.
 const RENEWAL: Duration = Duration::from_millis(1_500);
 
 /// Renews until the job is lost or the task is dropped.
@@ -38,7 +38,7 @@ pub(super) async fn hold(
                 .renew(&claim, LEASE_MS, claim.worked + begun.elapsed())
                 .await
         } else {
-            // A look costs no write; wake-ups come for other jobs too.
+            // Only a read, because wake-ups come for other jobs too.
             store
                 .job(claim.job_id())
                 .await

@@ -1,4 +1,4 @@
-//! What a job told since its rows were last written: how far it is, its series, its events.
+//! What a job reported since the last write: progress, series, events.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -7,8 +7,8 @@ use crate::jobs::{NewEvent, Record};
 use crate::reconstruction::training::{GradientHistogram, Metrics};
 use crate::reconstruction::{Phase, Warning};
 
-/// Gathers until the next write. Of progress and metrics only the newest becomes an event: the
-/// series itself is in the metric rows.
+/// Collects reports until the next write. Only the newest progress and metrics become events; the
+/// whole series is in the metric rows.
 pub(super) struct Pending {
     record: Record,
     share: Option<f64>,
@@ -67,12 +67,12 @@ impl Pending {
         self.record.events.push(event);
     }
 
-    /// What is to be written now; `None` when nothing was told.
+    /// Takes what is to be written; `None` if nothing was reported.
     pub(super) fn take(&mut self) -> Option<Record> {
         self.close_metrics();
         if let Some(share) = self.share.take() {
             let fraction = whole(self.phase, share);
-            // The beginning is no mark: one that goes on from a checkpoint jumps ahead from it.
+            // The start is not measured: a run that continues from a checkpoint jumps ahead from it.
             let eta_seconds = (share > 0.0)
                 .then(|| self.meter.remaining(self.phase, share, Instant::now()))
                 .flatten();
@@ -116,12 +116,12 @@ const SHORTEST: Duration = Duration::from_secs(1);
 /// Estimates the end from the speed of the present stage.
 #[derive(Default)]
 struct Meter {
-    /// When the stage was how far, oldest first; the first mark may be in its middle.
+    /// Times and shares of the present stage, oldest first. The first may be in its middle.
     marks: VecDeque<(Instant, f64)>,
 }
 
 impl Meter {
-    /// Seconds to the end of the job, now that the stage has come so far.
+    /// Estimated seconds to the end of the job at this share of the stage.
     fn remaining(&mut self, phase: Phase, share: f64, now: Instant) -> Option<f64> {
         self.marks.push_back((now, share));
         while let Some(&(second, _)) = self.marks.get(1)

@@ -1,4 +1,4 @@
-//! What is done with a job: reconstruction, or whatever takes its place in a test.
+//! The work on a job: reconstruction, or a substitute in tests.
 
 use std::fs;
 use std::io;
@@ -41,7 +41,7 @@ pub struct Product {
 pub enum Failure {
     /// The observer asked to stop.
     Stopped,
-    /// Another attempt would meet the same.
+    /// Another attempt would fail the same way.
     Final(Problem),
     /// Another attempt may go better.
     Transient(FailureReason),
@@ -87,9 +87,9 @@ pub fn reconstruction(
 ) -> Result<Product, Failure> {
     let bytes = fs::read(&assignment.file)
         .map_err(|error| Failure::internal(format!("{}: {error}", assignment.file.display())))?;
-    // The upload found the format, perhaps by its name, which is not kept.
+    // The upload found the format, perhaps by the file name, which is not stored.
     let name = format!("cloud.{}", assignment.cloud.summary.format.name());
-    // The upload held the file against the operator's limits.
+    // The upload checked the file against the operator's limits.
     let limits = cloud::Limits {
         max_points: usize::MAX,
         max_expanded_bytes: usize::MAX,

@@ -1,8 +1,8 @@
 //! The files of clouds: `clouds/<sha256>` in the data folder, each with a row.
 //!
-//! A file is in place before its row and goes after it. The two steps of an upload must not mix
-//! with those of erasing the same bytes, or a row would be left without its file: uploads share a
-//! lock that erasing takes alone.
+//! A file is in place before its row is written, and is removed after its row. The two steps of an
+//! upload must not mix with those of erasing the same bytes, or a row would be left without its
+//! file. So uploads take a lock shared and erasing takes it exclusively.
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ pub(in crate::http) fn path(app: &AppState, sha256: &str) -> PathBuf {
     app.config.data_dir.join(CLOUDS).join(sha256)
 }
 
-/// What an upload is.
+/// Reads and checks an upload.
 ///
 /// # Errors
 /// What is wrong with the cloud.
@@ -31,7 +31,7 @@ pub(in crate::http) async fn read(app: &AppState, upload: &Upload) -> Result<Sum
     Ok(read.await?)
 }
 
-/// Turns an upload into a cloud; whether it is new, or the same bytes were here already.
+/// Turns an upload into a cloud. `false` if the same bytes were uploaded before.
 ///
 /// # Errors
 /// What is wrong with the cloud, the disk or the database.
@@ -55,7 +55,7 @@ pub(in crate::http) async fn keep(app: &AppState, upload: Upload) -> Result<(Clo
     let _shared = app.cloud_files.read().await;
     blocking(move || -> std::io::Result<()> {
         spooled.file.persist(&target)?;
-        // The name must survive a loss of power before the row does.
+        // The file name must be durable before the row is.
         target
             .parent()
             .map_or(Ok(()), |folder| File::open(folder)?.sync_all())
@@ -75,7 +75,7 @@ pub(in crate::http) async fn erase(app: &AppState, id: &CloudId) -> Result<Cloud
     if let CloudDeletion::Deleted(cloud) = &deletion
         && let Err(error) = tokio::fs::remove_file(path(app, &cloud.sha256)).await
     {
-        // The sweep at the next start takes files without a row.
+        // The next start removes files without a row.
         tracing::warn!(error.message = %error, "the file of an erased cloud stays");
     }
     Ok(deletion)

@@ -1,8 +1,7 @@
-//! What all event streams wait for: one task that reads each new event once and hands it on.
+//! The source of all event streams: one task that reads each new event once and passes it on.
 //!
-//! Five hundred streams that each asked the database would cost five hundred reads a commit. A
-//! stream that misses something here (it was slow, or joined late) reads the rows itself: they are
-//! the truth, this is the short way.
+//! If each of five hundred streams queried the database, every commit would cost five hundred reads.
+//! A stream that missed something here, because it was slow or joined late, reads the rows itself.
 
 use std::collections::HashMap;
 use std::net::IpAddr;

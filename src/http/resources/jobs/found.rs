@@ -1,4 +1,4 @@
-//! What the resources below a job share: is it here, has it ended, what does it have.
+//! Extractors for resources below a job: the job exists, or exists and has a result.
 
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
@@ -8,7 +8,7 @@ use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::Id;
 use crate::jobs::{Job, JobId, Lookup, Status};
 
-/// The job of the path, `{id}`, in whatever state.
+/// The job of the path, `{id}`, in any state.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Found(pub(in crate::http) Job);
 
@@ -21,7 +21,7 @@ impl FromRequestParts<AppState> for Found {
     }
 }
 
-/// The job of the path, `{id}`, which has a result.
+/// The job of the path, `{id}`, if it has a result.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Succeeded(pub(in crate::http) Job);
 
@@ -34,7 +34,7 @@ impl FromRequestParts<AppState> for Succeeded {
     }
 }
 
-/// The job.
+/// The job that was looked up.
 ///
 /// # Errors
 /// [`Code::NotFound`] and [`Code::Gone`].

@@ -1,4 +1,4 @@
-//! What a client asks of a job, checked as far as it can be before any work.
+//! The request for a job, checked as far as possible before any work.
 
 use std::collections::BTreeMap;
 
@@ -64,8 +64,8 @@ impl JobRequest {
         })
     }
 
-    /// The same again, but for what is given: settings over those of the job, or over those of
-    /// another preset if one is named.
+    /// A request to repeat a job with changes. Given settings are laid over those of the job, or
+    /// over those of a preset if one is named.
     ///
     /// # Errors
     /// As [`JobRequest::new`].
@@ -91,7 +91,7 @@ impl JobRequest {
         })
     }
 
-    /// Holds the settings against the cloud and the machine: what the job will cost.
+    /// Checks the settings against the cloud and the limits of the machine, and estimates the cost.
     ///
     /// # Errors
     /// [`Code::SettingsConflict`] for labels that are asked for and not there,
@@ -163,7 +163,7 @@ impl JobRequest {
         ))
     }
 
-    /// The job of this request for a cloud.
+    /// The job to submit, for the given cloud.
     pub(in crate::http) fn of_cloud(self, cloud_id: CloudId) -> NewJob {
         NewJob {
             cloud_id,
@@ -193,7 +193,7 @@ fn resolve(preset: Preset, given: &Value) -> Result<Settings> {
     Settings::resolve(preset, given).map_err(|error| (&error).into())
 }
 
-/// The preset of a name.
+/// The preset of this name.
 pub(in crate::http) fn preset_named(name: &str) -> std::result::Result<Preset, String> {
     let found = Preset::ALL.into_iter().find(|preset| preset.name() == name);
     found.ok_or_else(|| {

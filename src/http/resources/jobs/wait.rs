@@ -16,25 +16,25 @@ use crate::http::wire::idempotency::KEY;
 use crate::jobs::{Job, JobId, Status};
 use crate::reconstruction::mesh::write::Format;
 
-/// Longest pause between two looks at the job: what a lost wake-up costs.
+/// Longest pause between two looks at the job, in case a wake-up is lost.
 const POLL: Duration = Duration::from_secs(1);
 
-/// Shortest pause: every commit wakes all waits, whosever job it was.
+/// Shortest pause, because a commit about any job wakes all waiting requests.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// How a client wants to be answered.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Wish {
     wait: Option<Duration>,
-    /// The format of the mesh that is to be the answer, if one is.
+    /// The format, if the client wants the mesh itself as the answer.
     mesh: Option<Format>,
-    /// Without it the answer under a key would not be the one that is repeated: the place in the
-    /// queue is not known where that one is written.
+    /// Whether to include the queue position. Off under an `Idempotency-Key`: the stored answer is
+    /// written before the position is known, and a replayed answer must be identical.
     place: bool,
 }
 
 impl Wish {
-    /// The wish of a request's headers.
+    /// Reads it from the headers of a request.
     ///
     /// # Errors
     /// [`Code::NotAcceptable`] when what the wait is for cannot be given.

@@ -1,4 +1,5 @@
-//! Meshes as files in the formats that were asked for: made once, thrown away when they are many.
+//! A cache of meshes as files in the requested formats: each is encoded once, and the least recently
+//! used ones are removed.
 //!
 //! The canonical mesh, binary PLY, is in the database and is read from there. A file makes ranges, resumed downloads and a strong `ETag`
 //! the same for all other formats, at the price of one encoding.
@@ -20,18 +21,18 @@ use crate::jobs::{Job, JobId, MeshInfo, Store};
 use crate::reconstruction::mesh::read;
 use crate::reconstruction::mesh::write::{Format, write};
 
-/// Bytes of files that are kept, apart from the newest one.
+/// Most bytes of cached files. The newest file stays even if it is larger.
 const LIMIT_BYTES: u64 = 4 << 30;
 
 /// The folder of encoded meshes.
 pub(in crate::http) struct MeshCache {
     folder: PathBuf,
     kept: Mutex<Kept>,
-    /// One encoding at a time: a mesh of ten million triangles takes about a gigabyte meanwhile.
+    /// One encoding at a time, because a mesh of ten million triangles needs about a gigabyte.
     turn: Arc<Semaphore>,
 }
 
-/// Which files there are; a count of uses tells the oldest.
+/// The files, with a counter of uses to find the least recently used.
 #[derive(Default)]
 struct Kept {
     files: HashMap<Key, Entry>,
@@ -43,7 +44,7 @@ type Key = (String, Format);
 
 struct Entry {
     file: Encoded,
-    /// Jobs that have this mesh and for which it was asked: the file goes with the last one.
+    /// Jobs with this mesh for which it was requested. The file is removed with the last of them.
     jobs: BTreeSet<JobId>,
     last_use: u64,
 }
@@ -58,7 +59,7 @@ struct Encoded {
 }
 
 impl Encoded {
-    /// For a download, with its hash.
+    /// The file for a download, and its hash.
     fn content(&self) -> (Content, String) {
         let content = Content::File {
             path: self.path.clone(),
@@ -78,7 +79,8 @@ impl Encoded {
 }
 
 impl MeshCache {
-    /// A cache in `folder`. What an earlier process left there is erased: nobody knows its hashes.
+    /// A cache in `folder`. Files of an earlier process are removed, because their hashes are not
+    /// known.
     pub(in crate::http) fn new(folder: PathBuf) -> Self {
         if let Err(error) = remove_files(&folder, |name, _| is_encoding(name))
             && error.kind() != io::ErrorKind::NotFound
@@ -120,8 +122,8 @@ impl MeshCache {
         let turn = turn.map_err(ApiError::internal)?;
         let (cache, store) = (Arc::clone(self), store.clone());
         let (job, mesh) = (job.id.clone(), mesh.clone());
-        // A task of its own goes on when the client hangs up: a file that nobody knows of would
-        // outlive its job.
+        // A separate task, which continues when the client hangs up. Otherwise a file that the
+        // cache does not know would outlive its job.
         let work = tokio::spawn(async move {
             let _turn = turn;
             let adopted = cache.kept().adopt(&key, &job);
@@ -129,7 +131,8 @@ impl MeshCache {
                 Some(file) => file.content(),
                 None => cache.make(&store, &mesh, key, &job).await?,
             };
-            // Erasing takes the rows first, then the files: one of the two sees the other.
+            // Erasing removes rows before files, so either it sees this file or this sees the
+            // missing row.
             let there = store.job(&job).await.map_err(ApiError::from);
             match there.and_then(found) {
                 Ok(_) => Ok(content),
@@ -142,7 +145,8 @@ impl MeshCache {
         work.await.map_err(ApiError::internal)?
     }
 
-    /// Erases the files of a job's meshes that no other job has; its rows must be gone before.
+    /// Removes the files of a job's meshes that no other job shares. Call it after its rows are
+    /// gone.
     pub(in crate::http) fn erase(&self, job: &JobId) {
         self.kept().files.retain(|_, entry| {
             let last = entry.jobs.remove(job) && entry.jobs.is_empty();
@@ -166,7 +170,7 @@ impl MeshCache {
         let name = format!("{hash}.{}", format.name());
         let encoded = tokio::task::spawn_blocking(move || {
             match encode_to_file(&ply, format, &folder, &name) {
-                // A full disk keeps nobody from reading.
+                // On a full disk the mesh is served from memory.
                 Err(error) if is_full(&error) => Ok(Err(encode_to_memory(&ply, format)?)),
                 file => file.map(Ok),
             }
@@ -187,7 +191,7 @@ impl MeshCache {
 }
 
 impl Kept {
-    /// The file, if it was asked for by this job before.
+    /// The file, if this job has requested it before.
     fn used_by(&mut self, key: &Key, job: &JobId) -> Option<Encoded> {
         self.uses += 1;
         let entry = self.files.get_mut(key)?;
@@ -197,14 +201,14 @@ impl Kept {
         })
     }
 
-    /// The file, which another job with the same mesh may have asked for; from now on this one has.
+    /// The file, also if only another job with the same mesh requested it; notes this job too.
     fn adopt(&mut self, key: &Key, job: &JobId) -> Option<Encoded> {
         self.files.get_mut(key)?.jobs.insert(job.clone());
         self.used_by(key, job)
     }
 
-    /// Keeps a file, and drops those that were not used for the longest time. Downloads under way
-    /// read on: an open file stays until it is closed.
+    /// Adds a file and removes the least recently used ones. Downloads in progress continue: an open
+    /// file stays readable until it is closed.
     fn keep(&mut self, key: Key, file: Encoded, job: &JobId) {
         let mut total: u64 = self.files.values().map(|entry| entry.file.bytes).sum();
         while total > LIMIT_BYTES {
@@ -227,7 +231,7 @@ impl Kept {
     }
 }
 
-/// The mesh's bytes as they are in the database.
+/// The bytes of the mesh from the database.
 async fn canonical(store: &Store, mesh: &MeshInfo) -> Result<Vec<u8>> {
     let mut ply = Vec::with_capacity(mesh.bytes as usize);
     let mut position = 0;

@@ -20,8 +20,8 @@ use crate::reconstruction::mesh::write::Format;
 /// Header that says how far the mesh can be relied on.
 const VERDICT: HeaderName = HeaderName::from_static("meshway-verdict");
 
-/// What a mesh may be asked for by `Accept`; the first one is given when all are the same to the
-/// client. PLY and OFF have no registered type, so theirs are not the only ones that are understood.
+/// Media types of meshes for `Accept`, the default first. PLY and OFF have no registered type, so
+/// several are understood.
 const OFFERS: [(&str, Format); 7] = [
     ("application/x-ply", Format::PlyBinary),
     ("model/ply", Format::PlyBinary),
@@ -32,7 +32,7 @@ const OFFERS: [(&str, Format); 7] = [
     ("application/octet-stream", Format::PlyBinary),
 ];
 
-/// Endings of the formats in addresses.
+/// File endings in addresses.
 const ENDINGS: [(&str, Format); 5] = [
     ("ply", Format::PlyBinary),
     ("obj", Format::Obj),
@@ -160,7 +160,7 @@ pub(in crate::http) async fn respond(
     match download.respond(headers).await {
         Ok(response) if evaluation == 0 => Ok(judged(response, job)),
         Ok(response) => Ok(response),
-        // The bytes are gone where the job was erased since it was found.
+        // If the job was erased meanwhile, that is the reason for the error.
         Err(error) => found(app.store.job(&job.id).await?).and(Err(error)),
     }
 }
@@ -201,7 +201,7 @@ fn no_format() -> ApiError {
     ApiError::new(Code::NotFound, format!("the formats are {endings}"))
 }
 
-/// The result with the verdict on it, where its report has one.
+/// Adds the verdict of the report, if there is one.
 fn judged(mut response: Response, job: &Job) -> Response {
     if let Some(verdict) = job.report.as_ref().and_then(Verdict::of) {
         let verdict = HeaderValue::from_static(verdict.name());
@@ -210,7 +210,7 @@ fn judged(mut response: Response, job: &Job) -> Response {
     response
 }
 
-/// What stands after the last slash: the stem, and the ending behind its dot.
+/// The last segment of a path: its stem, and its ending after the dot.
 fn last_segment(uri: &Uri) -> (&str, Option<&str>) {
     let segment = uri.path().rsplit('/').next().unwrap_or_default();
     match segment.split_once('.') {
@@ -219,7 +219,7 @@ fn last_segment(uri: &Uri) -> (&str, Option<&str>) {
     }
 }
 
-/// The same address gives other bytes to another `Accept`.
+/// Adds `Vary`, because the answer depends on `Accept`.
 pub(in crate::http) fn varies(mut response: Response) -> Response {
     let accept = HeaderValue::from_static("accept");
     response.headers_mut().insert(header::VARY, accept);

@@ -9,7 +9,7 @@ use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{Cloud, CloudDeletion, CloudId, NewCloud, Result};
 
 impl Store {
-    /// Writes a cloud's row, or finds the one with the same bytes; whether it was written.
+    /// Writes the row of a cloud. If one with the same bytes exists, returns that and `false`.
     pub async fn insert_cloud(&self, new: NewCloud) -> Result<(Cloud, bool)> {
         self.write(move |tx| {
             Box::pin(async move {

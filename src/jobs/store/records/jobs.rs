@@ -50,7 +50,7 @@ impl Store {
         .await
     }
 
-    /// What is known about the name of a job.
+    /// What is known about a job id.
     pub async fn job(&self, id: &JobId) -> Result<Lookup> {
         // A job that is erased between the two reads has its tombstone: both are one transaction.
         match find_job(self.readers(), id).await? {
@@ -78,7 +78,7 @@ impl Store {
             .unzip();
         let query = match filter.verdict {
             None => sqlx::query(list!("?8 IS NULL")),
-            // As the index has it.
+            // The expression of the index.
             Some(_) => sqlx::query(list!(
                 "report IS NOT NULL AND json_extract(report, '$.verdict') = ?8"
             )),
@@ -164,7 +164,7 @@ impl Transaction<'_> {
         let Some(job) = find_job(&mut *self.db, id).await? else {
             return find_tombstone(&mut *self.db, id).await;
         };
-        // Foreign keys are enforced: a table that were forgotten here would refuse it.
+        // Foreign keys are enforced: if a table were missing here, the last statement would fail.
         for statement in [
             "INSERT INTO graves (key) SELECT object FROM meshes WHERE job_id = ?1",
             "INSERT INTO graves (key) SELECT object FROM models WHERE job_id = ?1",
@@ -217,7 +217,7 @@ impl Transaction<'_> {
         .bind(self.now)
         .execute(&mut *self.db)
         .await?;
-        // Behind all that wait, which were counted just now.
+        // Behind the waiting jobs, which were counted above.
         let queued = NewEvent::Queued {
             position: Some(waiting as u64 + 1),
             reason: None,
@@ -257,7 +257,7 @@ pub(in crate::jobs::store) async fn find_tombstone<'e>(
 }
 
 async fn position<'e>(db: impl Executor<'e, Database = Sqlite>, id: &JobId) -> Result<Option<u64>> {
-    // For a job that does not wait the right side is NULL, and nothing is counted.
+    // If the job does not wait, the right side is NULL and nothing is counted.
     let row = sqlx::query(
         "SELECT COUNT(*) FROM jobs WHERE status = 'queued' AND (created_at, id) <=
              (SELECT created_at, id FROM jobs WHERE id = ?1 AND status = 'queued')",
@@ -273,7 +273,7 @@ fn status_of(columns: Columns<'_>) -> Result<Status> {
     columns.required(Status::from_name(columns.get("status")?), "status")
 }
 
-/// A job of its row.
+/// Reads a job from its row.
 pub(in crate::jobs::store) fn job_of(row: &SqliteRow) -> Result<Job> {
     let columns = Columns::new("jobs", row);
     Ok(Job {
