@@ -96,6 +96,9 @@ const BYTES_PER_SAMPLE: u64 = 32;
 /// box, some layers thick.
 const SAMPLES_PER_SQUARE: u64 = 24;
 
+/// Points of the whole grid for each byte of the table that says where the bits of a set of them are.
+const POINTS_PER_TABLE_BYTE: u64 = 64;
+
 /// What a plan costs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Cost {
@@ -314,7 +317,7 @@ fn neurons(architecture: &Architecture) -> u64 {
     (architecture.width * architecture.hidden_layers) as u64
 }
 
-/// Memory of the grid of these settings: a bit a point where it is dense, and the points near the surface.
+/// Memory of the grid of these settings: the points near the surface, and of each set of them where its bits are.
 pub fn grid_bytes(settings: &Settings) -> u64 {
     bytes_of_grid(settings.surface.evaluation, settings.surface.resolution)
 }
@@ -330,10 +333,11 @@ pub fn largest_resolution(settings: &Settings, limit_bytes: u64) -> usize {
 fn bytes_of_grid(evaluation: Evaluation, resolution: usize) -> u64 {
     let resolution = resolution as u64;
     let near = resolution.pow(2) * SAMPLES_PER_SQUARE * BYTES_PER_SAMPLE;
-    match evaluation {
-        Evaluation::Sparse => near,
-        Evaluation::Dense => near + resolution.pow(3) / 8,
-    }
+    let sets = match evaluation {
+        Evaluation::Sparse => 3,
+        Evaluation::Dense => 1,
+    };
+    near + sets * resolution.pow(3) / POINTS_PER_TABLE_BYTE
 }
 
 #[cfg(test)]
