@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::{BlockPlan, Findings, Plan};
 use crate::reconstruction::cloud::Counts;
+use crate::reconstruction::mesh::INDEXED_TRIANGLES;
 use crate::reconstruction::network::{Architecture, TILE_POINTS};
 use crate::reconstruction::sampling::MANY;
 use crate::reconstruction::settings::{
@@ -79,9 +80,11 @@ const SECONDS_AROUND: f64 = 0.3;
 /// Memory of the program and its libraries.
 const BASE_BYTES: u64 = 130 << 20;
 
-/// Memory for each triangle while the mesh is measured, and for each point of the cloud.
-const BYTES_PER_TRIANGLE: f64 = 400.0;
-const BYTES_PER_POINT: u64 = 600;
+/// Memory for each triangle while the mesh is measured, for each of those that are indexed at a time, and for each
+/// point of the cloud.
+const BYTES_PER_TRIANGLE: f64 = 120.0;
+const BYTES_PER_INDEXED_TRIANGLE: f64 = 250.0;
+const BYTES_PER_POINT: u64 = 300;
 
 /// Numbers that libtorch keeps for each neuron and sample, on the way forwards and back.
 const LIBTORCH_NUMBERS: u64 = 5;
@@ -170,6 +173,8 @@ impl Plan<'_> {
         let training_bytes = self.engine_bytes(threads) + pairs_bytes + places as u64;
         let points = self.findings.points as u64;
         let triangles = TRIANGLES_PER_CELL * self.cells(blocks.is_some());
+        let mesh_bytes = BYTES_PER_TRIANGLE * triangles
+            + BYTES_PER_INDEXED_TRIANGLE * triangles.min(INDEXED_TRIANGLES as f64);
         Cost {
             parameters,
             samples: self.findings.samples as u64,
@@ -184,7 +189,7 @@ impl Plan<'_> {
             seconds: SECONDS_AROUND + self.usual_seconds() / threads as f64,
             memory_bytes: BASE_BYTES
                 + points * BYTES_PER_POINT
-                + training_bytes.max((BYTES_PER_TRIANGLE * triangles) as u64),
+                + training_bytes.max(mesh_bytes as u64),
         }
     }
 
