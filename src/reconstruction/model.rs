@@ -175,6 +175,7 @@ impl Model {
                 Ok::<_, ModelError>(BlockModel {
                     architecture,
                     coarse_band: record.coarse_band,
+                    coarse_input: settings.network.coarse_input,
                     blocks: record.blocks,
                     parameters,
                 })
@@ -344,6 +345,7 @@ mod tests {
         let without = model.field().unwrap();
         model.blocks = Some(BlockModel {
             coarse_band: 0.4,
+            coarse_input: model.settings.network.coarse_input,
             blocks: vec![block(0.0), block(1.0)],
             parameters: networks.concat().into_iter().map(f64::from).collect(),
             architecture,

@@ -86,12 +86,17 @@ fn run<T: Scalar>(
         let (trained, refines) = coarse::fit(engine.as_ref(), &mesher, scan.as_ref(), identity)?;
         (State::start(trained, identity), refines)
     };
+    let field = MeanField::of(engine.as_ref(), &state.coarse.parameters)?;
     let refined = match &scan {
-        Some(scan) if refines => blocks::refine(&plan, &mut prepared, scan, &state, observer)?,
+        Some(scan) if refines => {
+            let below: (_, &dyn Field) = (&state, &field);
+            blocks::refine(&plan, &mut prepared, scan, below, observer)?
+        }
         _ => None,
     };
+    // The surface needs the memory.
+    drop(scan);
     let trained = state.coarse;
-    let field = MeanField::of(engine.as_ref(), &trained.parameters)?;
     let field: Box<dyn Field> = match &refined {
         Some(refined) => Box::new(refined.field(Box::new(field))?),
         None => Box::new(field),

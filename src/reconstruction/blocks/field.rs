@@ -2,13 +2,14 @@
 //!
 //! f = (Σ wₖ fₖ bₖ + r f₀ b₀) / (Σ wₖ + r) / b₀, with the weights w of the blocks, their bands b, and what they
 //! leave, r, to the coarse field f₀. Like f₀, it is a signed distance in units of b₀. Weights and their slopes are
-//! continuous, and so are f and ∇f.
+//! continuous, and so are f and ∇f. Where the networks fit what f₀ leaves, each has fₖ bₖ + f₀ b₀ for fₖ bₖ.
 
 use rayon::prelude::*;
 
 use super::block::{Block, rest};
 use super::lookup::Lookup;
 use crate::reconstruction::error::Error;
+use crate::reconstruction::settings::CoarseInput;
 use crate::reconstruction::surface::Field;
 use crate::reconstruction::vector::{Vec3, along, scale};
 
@@ -18,10 +19,28 @@ const PIECE: usize = 1024;
 /// Points whose blocks are looked up at a time.
 const LOOKED_UP: usize = 2048;
 
+/// The field below the blocks.
+pub(super) struct Coarse<'a> {
+    pub(super) field: Box<dyn Field + 'a>,
+    /// Distance at which its targets reach ±1.
+    pub(super) band: f64,
+    /// What the networks of blocks were told of it.
+    pub(super) input: CoarseInput,
+}
+
+impl Coarse<'_> {
+    /// How much of it is in what each block says.
+    fn in_blocks(&self) -> f64 {
+        match self.input {
+            CoarseInput::None => 0.0,
+            CoarseInput::Residual => 1.0,
+        }
+    }
+}
+
 /// A coarse field, and the networks of blocks that refine it.
 pub(in crate::reconstruction) struct BlockField<'a> {
-    coarse: Box<dyn Field + 'a>,
-    coarse_band: f64,
+    coarse: Coarse<'a>,
     parts: Vec<(Block, Box<dyn Field + 'a>)>,
     lookup: Lookup,
 }
@@ -45,16 +64,10 @@ impl Sums {
 }
 
 impl<'a> BlockField<'a> {
-    /// The field of `parts` over `coarse`, whose targets reach ±1 at `coarse_band`. Each part is a network in the
-    /// frame of its block.
-    pub(super) fn new(
-        coarse: Box<dyn Field + 'a>,
-        coarse_band: f64,
-        parts: Vec<(Block, Box<dyn Field + 'a>)>,
-    ) -> Self {
+    /// The field of `parts` over `coarse`. Each part is a network in the frame of its block.
+    pub(super) fn new(coarse: Coarse<'a>, parts: Vec<(Block, Box<dyn Field + 'a>)>) -> Self {
         Self {
             coarse,
-            coarse_band,
             lookup: Lookup::new(parts.iter().map(|(block, _)| block.reach).collect()),
             parts,
         }
@@ -141,27 +154,30 @@ impl<'a> BlockField<'a> {
         });
         Ok(added.collect())
     }
-}
 
-/// The points at which the blocks leave something to the coarse field.
-fn left_over(sums: &[Sums]) -> Vec<usize> {
-    (0..sums.len()).filter(|&i| sums[i].weight < 1.0).collect()
+    /// The points at which the coarse field is asked for.
+    fn on_coarse(&self, sums: &[Sums]) -> Vec<usize> {
+        let everywhere = self.coarse.in_blocks() > 0.0;
+        let asked = |i: &usize| everywhere || sums[*i].weight < 1.0;
+        (0..sums.len()).filter(asked).collect()
+    }
 }
 
 impl Field for BlockField<'_> {
     fn values(&self, points: &[Vec3], values: &mut [f64]) -> Result<(), Error> {
         let mut sums = self.sums(points, false)?;
-        let open = left_over(&sums);
+        let open = self.on_coarse(&sums);
         let places: Vec<Vec3> = open.iter().map(|&i| points[i]).collect();
         let mut coarse = vec![0.0; places.len()];
-        self.coarse.values(&places, &mut coarse)?;
+        self.coarse.field.values(&places, &mut coarse)?;
+        let (band, in_blocks) = (self.coarse.band, self.coarse.in_blocks());
         for (&i, f) in open.iter().zip(coarse) {
             let (rest, _) = rest(sums[i].weight);
+            sums[i].value += (rest + in_blocks * sums[i].weight) * f * band;
             sums[i].weight += rest;
-            sums[i].value += rest * f * self.coarse_band;
         }
         for (value, sums) in values.iter_mut().zip(sums) {
-            *value = sums.value / (sums.weight * self.coarse_band);
+            *value = sums.value / (sums.weight * band);
         }
         Ok(())
     }
@@ -173,29 +189,33 @@ impl Field for BlockField<'_> {
         gradients: &mut [Vec3],
     ) -> Result<(), Error> {
         let mut sums = self.sums(points, true)?;
-        let open = left_over(&sums);
+        let open = self.on_coarse(&sums);
         let places: Vec<Vec3> = open.iter().map(|&i| points[i]).collect();
         let mut coarse = vec![0.0; places.len()];
         let mut slopes = vec![[0.0; 3]; places.len()];
-        self.coarse
-            .values_and_gradients(&places, &mut coarse, &mut slopes)?;
+        let field = &self.coarse.field;
+        field.values_and_gradients(&places, &mut coarse, &mut slopes)?;
+        let (band, in_blocks) = (self.coarse.band, self.coarse.in_blocks());
         for ((&i, f), slope) in open.iter().zip(coarse).zip(slopes) {
-            let (weight, falls) = rest(sums[i].weight);
-            let value = f * self.coarse_band;
+            let (rest, falls) = rest(sums[i].weight);
+            let value = f * band;
+            // The blocks have it as well where they add it to theirs.
+            let share = rest + in_blocks * sums[i].weight;
+            let share_gradient = scale(sums[i].weight_gradient, falls + in_blocks);
+            let slope = scale(slope, share * band);
             let weight_gradient = scale(sums[i].weight_gradient, falls);
-            let slope = scale(slope, weight * self.coarse_band);
             sums[i].add(&Sums {
-                weight,
-                value: weight * value,
+                weight: rest,
+                value: share * value,
                 weight_gradient,
-                value_gradient: along(slope, value, weight_gradient),
+                value_gradient: along(slope, value, share_gradient),
             });
         }
         for ((value, gradient), sums) in values.iter_mut().zip(gradients).zip(sums) {
             let f = sums.value / sums.weight;
             let slope = along(sums.value_gradient, -f, sums.weight_gradient);
-            *value = f / self.coarse_band;
-            *gradient = scale(slope, 1.0 / (sums.weight * self.coarse_band));
+            *value = f / band;
+            *gradient = scale(slope, 1.0 / (sums.weight * band));
         }
         Ok(())
     }
@@ -233,7 +253,7 @@ mod tests {
         }
     }
 
-    fn field() -> BlockField<'static> {
+    fn field(input: CoarseInput) -> BlockField<'static> {
         let part = |x: f64, phase: f64| {
             let core = Bounds {
                 min: [x, 0.0, 0.0],
@@ -249,7 +269,12 @@ mod tests {
             (block, Box::new(Wave(phase)) as Box<dyn Field>)
         };
         let parts = vec![part(0.0, 0.3), part(1.0, -0.4), part(2.5, 1.0)];
-        BlockField::new(Box::new(Wave(2.0)), 0.5, parts)
+        let coarse = Coarse {
+            field: Box::new(Wave(2.0)),
+            band: 0.5,
+            input,
+        };
+        BlockField::new(coarse, parts)
     }
 
     fn places() -> Vec<Vec3> {
@@ -267,7 +292,13 @@ mod tests {
 
     #[test]
     fn the_gradients_are_those_of_the_values() {
-        let (field, places) = (field(), places());
+        for input in [CoarseInput::None, CoarseInput::Residual] {
+            gradients_are_those_of_values(&field(input));
+        }
+    }
+
+    fn gradients_are_those_of_values(field: &BlockField<'_>) {
+        let places = places();
         let mut values = vec![0.0; places.len()];
         let mut gradients = vec![[0.0; 3]; places.len()];
         field
@@ -301,11 +332,16 @@ mod tests {
 
     #[test]
     fn blocks_rule_in_their_cores_and_the_coarse_field_beyond() {
-        let field = field();
-        let mut values = [0.0; 2];
-        field
-            .values(&[[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], &mut values)
-            .unwrap();
+        let at = |input| {
+            let mut values = [0.0; 2];
+            let field = field(input);
+            field
+                .values(&[[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], &mut values)
+                .unwrap();
+            values
+        };
+        let values = at(CoarseInput::None);
+        let field = field(CoarseInput::None);
         let (block, wave) = &field.parts[0];
         let mut inner = [0.0; 2];
         wave.values(&[block.frame.to_unit([0.5; 3])], &mut inner[..1])
@@ -313,5 +349,11 @@ mod tests {
         Wave(2.0).values(&[[9.0; 3]], &mut inner[1..]).unwrap();
         assert!((values[0] - inner[0] * 0.3 / 0.5).abs() < 1e-12);
         assert!((values[1] - inner[1]).abs() < 1e-12);
+
+        let over_coarse = at(CoarseInput::Residual);
+        let mut below = [0.0];
+        Wave(2.0).values(&[[0.5; 3]], &mut below).unwrap();
+        assert!((over_coarse[0] - (inner[0] * 0.3 / 0.5 + below[0])).abs() < 1e-12);
+        assert!((over_coarse[1] - inner[1]).abs() < 1e-12);
     }
 }

@@ -26,6 +26,8 @@ pub(super) struct Task<'a> {
     /// Points that no block is fitted to, and which of them are in the reach of each.
     pub(super) held_out: &'a [Vec3],
     pub(super) held_out_of: &'a [Vec<u32>],
+    /// What the coarse field says of their distances; nothing where the blocks are not told.
+    pub(super) held_out_coarse: &'a [f64],
     /// How far the points of the cloud can be trusted, in the frame of the run.
     pub(super) uncertainty: Uncertainty,
 }
@@ -115,11 +117,12 @@ pub(super) fn fit<T: Scalar>(
     }
 }
 
-/// Mean square of the field at these points.
-fn mean_square(field: &dyn Field, points: &[Vec3]) -> Result<f64, Error> {
+/// Mean square of what the field leaves of the targets at these points.
+fn mean_square(field: &dyn Field, points: &[Vec3], targets: &[f64]) -> Result<f64, Error> {
     let mut values = vec![0.0; points.len()];
     field.values(points, &mut values)?;
-    Ok(values.iter().map(|f| f * f).sum::<f64>() / points.len().max(1) as f64)
+    let squares = values.iter().zip(targets).map(|(f, y)| (f - y).powi(2));
+    Ok(squares.sum::<f64>() / points.len().max(1) as f64)
 }
 
 fn lock<V>(mutex: &Mutex<V>) -> std::sync::MutexGuard<'_, V> {
@@ -137,7 +140,9 @@ fn fit_block<T: Scalar>(
     let block = &task.blocks[k];
     let uncertainty = task.uncertainty(block);
     let weight = uncertainty.surface_weight();
-    let samples = task.places.of(k, block, settings.sampling.targets, weight);
+    let targets = settings.sampling.targets;
+    let (samples, count) = task.places.of(k, block, targets, weight);
+    let on_surface = (&samples.points[..count], &samples.targets[..count]);
     let engine = sequential_engine::<T>(task.plan.engine, &planned.architecture, &samples)?;
     let decay = settings.training.smoothing * uncertainty.weight_decay(1);
     let problem = Problem {
@@ -148,7 +153,6 @@ fn fit_block<T: Scalar>(
     };
     let parameters = initial_parameters(&planned.architecture, planned.seed(k));
     let allowed = BlockPlan::allowed(uncertainty.spacing, uncertainty.noise).powi(2);
-    let on_surface = samples.on_surface();
     let steps = Steps::new(observer);
     let hooks = Hooks {
         observer: &steps,
@@ -156,7 +160,8 @@ fn fit_block<T: Scalar>(
         enough: &mut |evaluations, parameters| {
             Ok(
                 evaluations.start / planned.round < evaluations.end / planned.round
-                    && mean_square(&problem.field(parameters)?, &on_surface)? * block.band.powi(2)
+                    && mean_square(&problem.field(parameters)?, on_surface.0, on_surface.1)?
+                        * block.band.powi(2)
                         <= allowed,
             )
         },
@@ -166,17 +171,21 @@ fn fit_block<T: Scalar>(
     if trained.termination == Termination::Cancelled {
         return Err(Error::Cancelled);
     }
-    let held_out: Vec<Vec3> = task.held_out_of[k]
+    let (held_out, left): (Vec<Vec3>, Vec<f64>) = task.held_out_of[k]
         .iter()
-        .map(|&i| block.frame.to_unit(task.held_out[i as usize]))
-        .collect();
+        .map(|&i| {
+            let coarse = task.held_out_coarse.get(i as usize).copied();
+            let place = block.frame.to_unit(task.held_out[i as usize]);
+            (place, -coarse.unwrap_or_default() / block.band)
+        })
+        .unzip();
     let field = problem.field(&trained.parameters)?;
     let held_out = (!held_out.is_empty())
-        .then(|| mean_square(&field, &held_out))
+        .then(|| mean_square(&field, &held_out, &left))
         .transpose()?;
     let [first_loss, gradient_norm, step_length] = steps.seen.get();
     Ok(Fitted {
-        points: on_surface.len(),
+        points: count,
         first_loss,
         gradient_norm,
         step_length,

@@ -22,15 +22,16 @@ use super::report::{BlocksReport, EachBlock};
 use super::sampling::neighbours::median;
 use super::sampling::selection::{Split, pick};
 use super::sampling::{Frame, Prepared, Samples, Scan};
+use super::settings::CoarseInput;
 use super::surface::Field;
 use super::vector::{Vec3, norm};
 use fit::{Done, Fitted, Task};
 use lookup::Lookup;
-use samples::{Places, members};
+use samples::{CoarseLengths, Places, members};
 use series::Series;
 
 pub use block::Block;
-use field::BlockField;
+use field::{BlockField, Coarse};
 pub use model::BlockModel;
 
 pub(super) use checkpoint::State;
@@ -66,9 +67,10 @@ pub(super) struct Refined<T> {
     /// Evaluates their networks.
     engine: Box<dyn Engine<T>>,
     coarse_band: f64,
+    coarse_input: CoarseInput,
 }
 
-/// Cuts the cloud into blocks and fits them; `prepared` tells of all the points from then on. None where the plan has
+/// Cuts the cloud into blocks and fits them over the `coarse` field of the state; `prepared` tells of all the points from then on. None where the plan has
 /// no blocks.
 ///
 /// # Errors
@@ -77,7 +79,7 @@ pub(super) fn refine<T: Scalar>(
     plan: &Plan<'_>,
     prepared: &mut Prepared,
     scan: &Scan,
-    state: &State<T>,
+    (state, coarse): (&State<T>, &dyn Field),
     observer: &dyn Observer,
 ) -> Result<Option<Refined<T>>, Error> {
     let Some(planned) = &plan.blocks else {
@@ -92,12 +94,22 @@ pub(super) fn refine<T: Scalar>(
     let blocks = partition::partition(&points, &spacings, planned.count);
     let given = labelled(prepared, scan);
     let mut random = stream(settings.training.seed, Purpose::Blocks);
-    let places = Places::new(&blocks, surface, fitted, &given, &mut random);
+    let mut places = Places::new(&blocks, surface, fitted, &given, &mut random);
     let held_out = pick(&surface.points, &split.held_out);
+    let mut held_out_coarse = Vec::new();
+    if settings.network.coarse_input == CoarseInput::Residual {
+        let coarse = CoarseLengths {
+            field: coarse,
+            band: scan.band,
+        };
+        places = places.over(&coarse)?;
+        held_out_coarse = coarse.at(&held_out)?;
+    }
     let lookup = Lookup::new(blocks.iter().map(|block| block.reach).collect());
     let task = Task {
         held_out: &held_out,
         held_out_of: &members(&lookup, blocks.len(), &held_out),
+        held_out_coarse: &held_out_coarse,
         blocks: &blocks,
         places: &places,
         plan,
@@ -137,6 +149,7 @@ pub(super) fn refine<T: Scalar>(
         fitted: done.into_iter().flatten().collect(),
         engine: sequential_engine(plan.engine, &planned.architecture, &nothing)?,
         coarse_band: scan.band,
+        coarse_input: settings.network.coarse_input,
     }))
 }
 
@@ -167,7 +180,14 @@ impl<T: Scalar> Refined<T> {
             Ok((*block, field))
         });
         let parts = parts.collect::<Result<Vec<_>, Error>>()?;
-        Ok(BlockField::new(coarse, self.coarse_band, parts))
+        Ok(BlockField::new(
+            Coarse {
+                field: coarse,
+                band: self.coarse_band,
+                input: self.coarse_input,
+            },
+            parts,
+        ))
     }
 
     /// What the report says of them.
@@ -207,6 +227,7 @@ impl<T: Scalar> Refined<T> {
         BlockModel {
             architecture: self.engine.architecture().clone(),
             coarse_band: self.coarse_band,
+            coarse_input: self.coarse_input,
             blocks: self.blocks.clone(),
             parameters: self
                 .fitted

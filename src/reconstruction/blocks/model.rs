@@ -1,8 +1,9 @@
 //! The networks of blocks as a model keeps them.
 
 use super::block::Block;
-use super::field::BlockField;
+use super::field::{BlockField, Coarse};
 use crate::reconstruction::network::{Architecture, PlainNetwork};
+use crate::reconstruction::settings::CoarseInput;
 use crate::reconstruction::surface::Field;
 
 /// Trained networks of blocks.
@@ -12,6 +13,8 @@ pub struct BlockModel {
     pub architecture: Architecture,
     /// Distance at which the targets of the coarse network reach ±1, in the frame of the run.
     pub coarse_band: f64,
+    /// What the networks were told of the coarse one.
+    pub coarse_input: CoarseInput,
     /// Where each is.
     pub blocks: Vec<Block>,
     /// Parameters of each in the order of [`Architecture::layers`], one block after the other.
@@ -35,6 +38,13 @@ impl BlockModel {
             Some((*block, Box::new(network) as Box<dyn Field>))
         });
         let parts = parts.collect::<Option<_>>()?;
-        Some(BlockField::new(coarse, self.coarse_band, parts))
+        Some(BlockField::new(
+            Coarse {
+                field: coarse,
+                band: self.coarse_band,
+                input: self.coarse_input,
+            },
+            parts,
+        ))
     }
 }

@@ -4,20 +4,27 @@ use rayon::prelude::*;
 
 use super::block::Block;
 use super::lookup::Lookup;
+use crate::reconstruction::error::Error;
 use crate::reconstruction::random::Generator;
 use crate::reconstruction::sampling::Samples;
 use crate::reconstruction::sampling::oriented::OrientedSurface;
 use crate::reconstruction::sampling::samples::{Grading, Sampler};
 use crate::reconstruction::settings::Targets;
+use crate::reconstruction::surface::Field;
 use crate::reconstruction::vector::Vec3;
 
 /// Samples in the reach of a block for each point of the cloud there.
 const FAR_SHARE: f64 = 0.2;
 
+/// Points that are worked with at a time, which bounds the memory beside what is kept of them.
+const AT_A_TIME: usize = 1 << 15;
+
 /// Places with their signed distances from the surface, in the frame of the run.
 pub(super) struct Places {
     points: Vec<Vec3>,
     distances: Vec<f64>,
+    /// What a coarse field says of the distances; nothing where the blocks are not told.
+    coarse: Vec<f64>,
     /// The first so many are points of the cloud.
     on_surface: usize,
     /// The places of each block, ascending.
@@ -48,7 +55,9 @@ impl Places {
         };
         let mut samples: Samples = fitted.iter().map(|&i| (surface.points[i], 0.0)).collect();
         let on_surface = samples.len();
-        samples.append(sampler.near(fitted, 1, random));
+        for some in fitted.chunks(AT_A_TIME) {
+            samples.append(sampler.near(some, 1, random));
+        }
         samples.extend(given.iter().copied());
         let lookup = Lookup::new(blocks.iter().map(|block| block.reach).collect());
         let mut counts = vec![0_usize; blocks.len()];
@@ -66,8 +75,20 @@ impl Places {
             of_blocks: members(&lookup, blocks.len(), &points),
             distances: targets.iter().map(|target| FARTHEST * target).collect(),
             points,
+            coarse: Vec::new(),
             on_surface,
         }
+    }
+
+    /// The same places, of which networks fit what `coarse` leaves.
+    ///
+    /// # Errors
+    /// What the field reports.
+    pub(super) fn over(self, coarse: &CoarseLengths<'_>) -> Result<Self, Error> {
+        Ok(Self {
+            coarse: coarse.at(&self.points)?,
+            ..self
+        })
     }
 
     /// Number of places of each kind: beside the surface and away from it.
@@ -75,13 +96,21 @@ impl Places {
         self.points.len() - self.on_surface
     }
 
-    /// Samples of block `k` in its own frame; those on the surface have this weight.
-    pub(super) fn of(&self, k: usize, block: &Block, targets: Targets, weight: f64) -> Samples {
+    /// Samples of block `k` in its own frame, and how many of them, the first ones, are on the surface, where they have
+    /// this weight.
+    pub(super) fn of(
+        &self,
+        k: usize,
+        block: &Block,
+        targets: Targets,
+        weight: f64,
+    ) -> (Samples, usize) {
         let grading = Grading {
             targets,
             band: block.band,
         };
         let mut samples = Samples::default();
+        let mut on_surface = 0;
         for &i in &self.of_blocks[k] {
             let i = i as usize;
             let is_point = i < self.on_surface;
@@ -91,29 +120,58 @@ impl Places {
             } else {
                 grading.target(distance > 0.0, distance.abs())
             };
+            let target = target - self.coarse.get(i).map_or(0.0, |length| length / block.band);
             samples.extend([(block.frame.to_unit(self.points[i]), target)]);
             if is_point && let Some(last) = samples.weights.last_mut() {
                 *last = weight;
+                on_surface += 1;
             }
         }
-        samples
+        (samples, on_surface)
+    }
+}
+
+/// A coarse field as lengths in the frame of the run.
+pub(super) struct CoarseLengths<'a> {
+    pub(super) field: &'a dyn Field,
+    /// Distance at which its targets reach ±1.
+    pub(super) band: f64,
+}
+
+impl CoarseLengths<'_> {
+    /// At each of `points`.
+    ///
+    /// # Errors
+    /// What the field reports.
+    pub(super) fn at(&self, points: &[Vec3]) -> Result<Vec<f64>, Error> {
+        let mut lengths = vec![0.0; points.len()];
+        let chunks = points.chunks(AT_A_TIME);
+        for (points, lengths) in chunks.zip(lengths.chunks_mut(AT_A_TIME)) {
+            self.field.values(points, lengths)?;
+        }
+        for length in &mut lengths {
+            *length *= self.band;
+        }
+        Ok(lengths)
     }
 }
 
 /// The places that each of so many blocks holds.
 pub(super) fn members(lookup: &Lookup, blocks: usize, points: &[Vec3]) -> Vec<Vec<u32>> {
-    let held: Vec<Vec<u32>> = points
-        .par_iter()
-        .map(|p| {
-            let mut held = Vec::new();
-            lookup.holding(*p, |k| held.push(k as u32));
-            held
-        })
-        .collect();
     let mut members = vec![Vec::new(); blocks];
-    for (i, held) in held.iter().enumerate() {
-        for k in held {
-            members[*k as usize].push(i as u32);
+    for (chunk, some) in points.chunks(AT_A_TIME).enumerate() {
+        let held: Vec<Vec<u32>> = some
+            .par_iter()
+            .map(|p| {
+                let mut held = Vec::new();
+                lookup.holding(*p, |k| held.push(k as u32));
+                held
+            })
+            .collect();
+        for (i, held) in held.iter().enumerate() {
+            for k in held {
+                members[*k as usize].push((chunk * AT_A_TIME + i) as u32);
+            }
         }
     }
     members

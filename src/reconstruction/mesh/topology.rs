@@ -2,7 +2,7 @@
 //!
 //! Everything follows from the indices alone: vertices at the same place with different indices
 //! are different vertices. Edges are found by sorting, which needs no hashing and gives the same
-//! order on every machine.
+//! order on every machine; a part of them at a time, so that large meshes take little memory.
 
 use std::borrow::Cow;
 
@@ -43,12 +43,19 @@ impl Topology {
     /// The topology of `mesh`.
     ///
     /// # Cost
-    /// Sorts 16 bytes for each of the 3 n half-edges.
+    /// Sorts the 3 n half-edges, and takes 12 bytes for each triangle and 50 MB at most besides.
     pub fn of(mesh: &TriangleMesh) -> Self {
         let triangles = without_repeated_vertices(&mesh.triangles);
-        let edges = HalfEdges::of(&triangles);
-        let (vertices, non_manifold_vertices) = edges.fans(&triangles, mesh.vertices.len());
         let (_, components) = components_of(&triangles, mesh.vertices.len());
+        let mut fans = Fans::new(&triangles);
+        let mut edges = Edges::new();
+        for_each_edge(&triangles, mesh.vertices.len(), |edge| {
+            edges.add(edge, &triangles);
+            fans.join(edge);
+        });
+        let fans_at = fans.at(mesh.vertices.len());
+        let vertices = fans_at.iter().filter(|&&n| n > 0).count();
+        let non_manifold_vertices = fans_at.iter().filter(|&&n| n > 1).count();
 
         let closed = !triangles.is_empty() && edges.boundary == 0 && edges.non_manifold == 0;
         let manifold = edges.non_manifold == 0 && non_manifold_vertices == 0;
@@ -81,14 +88,17 @@ pub fn components(mesh: &TriangleMesh) -> (Vec<u32>, usize) {
 /// Vertices of edges with more than two triangles, or with two that run along them in the same direction, and
 /// vertices with more than one fan; sorted.
 pub(super) fn irregular_vertices(triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
-    let edges = HalfEdges::of(triangles);
-    let mut irregular = edges.several_fans(triangles, vertices);
-    for edge in edges.sorted.chunk_by(|a, b| a.ends == b.ends) {
+    let mut irregular = Vec::new();
+    let mut fans = Fans::new(triangles);
+    for_each_edge(triangles, vertices, |edge| {
+        fans.join(edge);
         if edge.len() > 2 || !consistent(triangles, edge) {
             let ends = edge[0].ends;
             irregular.extend([(ends >> 32) as u32, ends as u32]);
         }
-    }
+    });
+    let fans_at = (0..).zip(fans.at(vertices));
+    irregular.extend(fans_at.filter(|(_, n)| *n > 1).map(|(v, _)| v));
     irregular.sort_unstable();
     irregular.dedup();
     irregular
@@ -132,86 +142,102 @@ struct HalfEdge {
     corner: u32,
 }
 
-/// All half-edges, those of one edge next to each other, and what counting them tells.
-struct HalfEdges {
-    sorted: Vec<HalfEdge>,
+/// Half-edges that are sorted at a time: 32 MB.
+const SORTED: usize = 1 << 21;
+
+/// Calls `each` with the half-edges of every edge, sorted; edges in the order of their ends.
+fn for_each_edge(triangles: &[[u32; 3]], vertices: usize, mut each: impl FnMut(&[HalfEdge])) {
+    let parts = (3 * triangles.len()).div_ceil(SORTED).max(1);
+    let mut sorted = Vec::new();
+    for part in 0..parts {
+        // Edges belong to the part of their smaller end.
+        let [first, end] = [part, part + 1].map(|part| (vertices * part / parts) as u64);
+        sorted.clear();
+        sorted.extend(half_edges(triangles).filter(|half| {
+            let smaller = half.ends >> 32;
+            first <= smaller && smaller < end
+        }));
+        sorted.par_sort_unstable();
+        for edge in sorted.chunk_by(|a, b| a.ends == b.ends) {
+            each(edge);
+        }
+    }
+}
+
+fn half_edges(triangles: &[[u32; 3]]) -> impl Iterator<Item = HalfEdge> {
+    let first_corners = (0u32..).step_by(3);
+    triangles.iter().zip(first_corners).flat_map(|(t, first)| {
+        (0..3).map(move |k| {
+            let (a, b) = (t[k], t[(k + 1) % 3]);
+            HalfEdge {
+                ends: u64::from(a.min(b)) << 32 | u64::from(a.max(b)),
+                corner: first + k as u32,
+            }
+        })
+    })
+}
+
+/// What counting the edges tells.
+struct Edges {
     distinct: usize,
     boundary: usize,
     non_manifold: usize,
     oriented: bool,
 }
 
-impl HalfEdges {
-    fn of(triangles: &[[u32; 3]]) -> Self {
-        let mut sorted: Vec<HalfEdge> = triangles
-            .iter()
-            .zip((0u32..).step_by(3))
-            .flat_map(|(triangle, first)| {
-                (0..3).map(move |k| {
-                    let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-                    HalfEdge {
-                        ends: u64::from(a.min(b)) << 32 | u64::from(a.max(b)),
-                        corner: first + k as u32,
-                    }
-                })
-            })
-            .collect();
-        sorted.par_sort_unstable();
-
-        let (mut distinct, mut boundary, mut non_manifold, mut oriented) = (0, 0, 0, true);
-        for edge in sorted.chunk_by(|a, b| a.ends == b.ends) {
-            distinct += 1;
-            boundary += usize::from(edge.len() == 1);
-            non_manifold += usize::from(edge.len() > 2);
-            oriented &= consistent(triangles, edge);
-        }
+impl Edges {
+    fn new() -> Self {
         Self {
-            sorted,
-            distinct,
-            boundary,
-            non_manifold,
-            oriented,
+            distinct: 0,
+            boundary: 0,
+            non_manifold: 0,
+            oriented: true,
         }
     }
 
-    /// Number of vertices that a triangle uses, and of those among them with more than one fan.
-    fn fans(&self, triangles: &[[u32; 3]], vertices: usize) -> (usize, usize) {
-        let fans_at = self.fans_at(triangles, vertices);
-        (
-            fans_at.iter().filter(|&&n| n > 0).count(),
-            fans_at.iter().filter(|&&n| n > 1).count(),
-        )
+    fn add(&mut self, edge: &[HalfEdge], triangles: &[[u32; 3]]) {
+        self.distinct += 1;
+        self.boundary += usize::from(edge.len() == 1);
+        self.non_manifold += usize::from(edge.len() > 2);
+        self.oriented &= consistent(triangles, edge);
+    }
+}
+
+/// The fans around vertices, as sets of corners: two corners at a vertex are in the same fan when their triangles
+/// share an edge there.
+struct Fans<'a> {
+    triangles: &'a [[u32; 3]],
+    sets: DisjointSets,
+}
+
+impl<'a> Fans<'a> {
+    fn new(triangles: &'a [[u32; 3]]) -> Self {
+        Self {
+            triangles,
+            sets: DisjointSets::new(3 * triangles.len()),
+        }
     }
 
-    /// Vertices with more than one fan.
-    fn several_fans(&self, triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
-        let fans_at = self.fans_at(triangles, vertices);
-        (0..)
-            .zip(fans_at)
-            .filter(|(_, n)| *n > 1)
-            .map(|(v, _)| v)
-            .collect()
-    }
-
-    /// Number of fans at each vertex.
-    ///
-    /// Two corners at a vertex are in the same fan when their triangles share an edge there.
-    fn fans_at(&self, triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
-        let mut fans = DisjointSets::new(3 * triangles.len());
-        for pair in self.sorted.windows(2).filter(|p| p[0].ends == p[1].ends) {
+    /// Joins the corners at both ends of an edge.
+    fn join(&mut self, edge: &[HalfEdge]) {
+        for pair in edge.windows(2) {
             let [a, b] = [pair[0].corner, pair[1].corner];
-            if start(triangles, a) == start(triangles, b) {
-                fans.unite(a, b);
-                fans.unite(next(a), next(b));
+            if start(self.triangles, a) == start(self.triangles, b) {
+                self.sets.unite(a, b);
+                self.sets.unite(next(a), next(b));
             } else {
-                fans.unite(a, next(b));
-                fans.unite(next(a), b);
+                self.sets.unite(a, next(b));
+                self.sets.unite(next(a), b);
             }
         }
+    }
+
+    /// Number of fans at each of so many vertices.
+    fn at(mut self, vertices: usize) -> Vec<u32> {
         let mut fans_at = vec![0u32; vertices];
-        for corner in 0..3 * triangles.len() as u32 {
-            if fans.find(corner) == corner {
-                fans_at[start(triangles, corner) as usize] += 1;
+        for corner in 0..3 * self.triangles.len() as u32 {
+            if self.sets.find(corner) == corner {
+                fans_at[start(self.triangles, corner) as usize] += 1;
             }
         }
         fans_at
@@ -273,6 +299,22 @@ mod tests {
     use super::*;
 
     const TETRAHEDRON: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+
+    #[test]
+    fn edges_come_in_parts_whole_and_in_order() {
+        // A strip of triangles with more half-edges than are sorted at a time.
+        let count = SORTED as u32 / 2;
+        let strip: Vec<[u32; 3]> = (0..count).map(|i| [i, i + 1, i + 2]).collect();
+        let (mut edges, mut halves, mut last) = (0, 0, 0);
+        for_each_edge(&strip, count as usize + 2, |edge| {
+            assert!(edge.iter().all(|half| half.ends == edge[0].ends));
+            assert!(edges == 0 || edge[0].ends > last);
+            last = edge[0].ends;
+            edges += 1;
+            halves += edge.len();
+        });
+        assert_eq!((edges, halves), (2 * count + 1, 3 * count as usize));
+    }
 
     #[test]
     fn a_manifold_has_no_irregular_vertices() {

@@ -58,19 +58,14 @@ impl Architecture {
     /// All layers in the order of their parameters, which is that of PyTorch's `parameters()`:
     /// weight and bias of each linear layer from input to output, then those of the gates or encoders.
     pub fn layers(&self) -> Vec<Layer> {
-        let width = self.width;
-        let linear = (0..=self.hidden_layers).map(|k| {
-            let columns = if k == 0 { 3 } else { width };
-            let rows = if k == self.hidden_layers { 1 } else { width };
-            (format!("linear.{k}"), rows, columns)
-        });
-        let gates = (0..self.gates()).map(|k| (format!("gate.{k}"), width, width));
-        let encoders = (0..self.encoders()).map(|k| (format!("encoder.{k}"), width, 3));
+        let named = |name: &'static str, count| (0..count).map(move |k| format!("{name}.{k}"));
+        let names = named("linear", self.hidden_layers + 1)
+            .chain(named("gate", self.gates()))
+            .chain(named("encoder", self.encoders()));
         let mut start = 0;
-        linear
-            .chain(gates)
-            .chain(encoders)
-            .map(|(name, rows, columns)| {
+        names
+            .zip(self.shapes())
+            .map(|(name, [rows, columns])| {
                 let weight = start..start + rows * columns;
                 let bias = weight.end..weight.end + rows;
                 start = bias.end;
@@ -85,11 +80,24 @@ impl Architecture {
             .collect()
     }
 
+    /// Rows and columns of each layer, in the same order.
+    fn shapes(&self) -> impl Iterator<Item = [usize; 2]> {
+        let (width, last) = (self.width, self.hidden_layers);
+        let linear = (0..=last).map(move |k| {
+            [
+                if k == last { 1 } else { width },
+                if k == 0 { 3 } else { width },
+            ]
+        });
+        linear
+            .chain(std::iter::repeat_n([width, width], self.gates()))
+            .chain(std::iter::repeat_n([width, 3], self.encoders()))
+    }
+
     /// Where weight and bias of the output layer lie in the parameters.
     pub fn output_layer(&self) -> Range<usize> {
-        let mut layers = self.layers();
-        let output = layers.swap_remove(self.hidden_layers);
-        output.weight.start..output.bias.end
+        let before = count(self.shapes().take(self.hidden_layers));
+        before..before + self.width + 1
     }
 
     /// Number of gate layers.
@@ -110,7 +118,7 @@ impl Architecture {
 
     /// Length of the parameter vector.
     pub fn parameter_count(&self) -> usize {
-        self.layers().last().map_or(0, |layer| layer.bias.end)
+        count(self.shapes())
     }
 
     /// Whether hidden layer `h`, counted from 1, is more than tanh z.
@@ -135,4 +143,9 @@ impl Architecture {
         };
         self.layers().into_iter().map(norm).collect()
     }
+}
+
+/// Weights and biases of layers of these shapes.
+fn count(shapes: impl Iterator<Item = [usize; 2]>) -> usize {
+    shapes.map(|[rows, columns]| rows * (columns + 1)).sum()
 }

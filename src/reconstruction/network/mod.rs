@@ -48,6 +48,20 @@ pub trait Engine<T: Scalar> {
     /// What the engine reports, such as lengths that do not fit the architecture.
     fn loss_and_gradient(&self, parameters: &[T], gradient: &mut [T]) -> Result<f64, Error>;
 
+    /// The same once the output layer of `parameters` is set to what makes L + `decay`/2 |c|² least, where c are its
+    /// parameters and no sample is one-sided.
+    ///
+    /// # Errors
+    /// As for [`Self::loss_and_gradient`].
+    fn solved_loss_and_gradient(
+        &self,
+        parameters: &mut [T],
+        gradient: &mut [T],
+        decay: f64,
+    ) -> Result<f64, Error> {
+        solve_then_evaluate(self, parameters, gradient, decay)
+    }
+
     /// The normal equations of the output layer over the training samples, none of which is one-sided.
     ///
     /// # Errors
@@ -59,6 +73,18 @@ pub trait Engine<T: Scalar> {
     /// # Errors
     /// As for [`Self::loss_and_gradient`].
     fn field(&self, parameters: &[T]) -> Result<Box<dyn Field + '_>, Error>;
+}
+
+/// The output layer first, then the loss: [`Engine::solved_loss_and_gradient`] in two steps.
+fn solve_then_evaluate<T: Scalar, E: Engine<T> + ?Sized>(
+    engine: &E,
+    parameters: &mut [T],
+    gradient: &mut [T],
+    decay: f64,
+) -> Result<f64, Error> {
+    let solution = engine.output_equations(parameters)?.solve(decay);
+    output_layer::set_output_layer(engine.architecture(), parameters, solution);
+    engine.loss_and_gradient(parameters, gradient)
 }
 
 /// The engine that the settings ask for, over these samples.

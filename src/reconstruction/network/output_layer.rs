@@ -1,5 +1,6 @@
 //! The output layer as the solution of a linear least-squares problem.
 
+use super::{Architecture, Scalar};
 use crate::reconstruction::cholesky;
 
 /// What makes L least over the output layer while the hidden layers stay as they are.
@@ -23,5 +24,18 @@ impl OutputEquations {
         }
         cholesky::solve(&mut self.matrix, m, &mut self.right)?;
         Some(self.right)
+    }
+}
+
+/// Sets the output layer of `parameters` to a solution. Without one it stays as it is: its equations are not finite
+/// then, and so will the loss be, or singular, and it is one of many that fit as well.
+pub(super) fn set_output_layer<T: Scalar>(
+    architecture: &Architecture,
+    parameters: &mut [T],
+    solution: Option<Vec<f64>>,
+) {
+    let output = &mut parameters[architecture.output_layer()];
+    for (parameter, value) in output.iter_mut().zip(solution.unwrap_or_default()) {
+        *parameter = T::from_f64(value);
     }
 }

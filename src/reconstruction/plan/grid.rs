@@ -12,8 +12,7 @@ const BLOCK_STEP: f64 = 0.9;
 /// Most grid points along the longest edge, as in the settings.
 const MOST_RESOLUTION: f64 = 1024.0;
 
-/// Most grid points in all where slender bodies get more than the settings say: a bit each for three sets of them
-/// is 50 MB.
+/// Most grid points in all where slender bodies get more than the settings say.
 const MOST_GRID_POINTS: f64 = 1.3e8;
 
 /// Least number of grid points along the longest edge that the spacing of the points leads to.

@@ -32,6 +32,9 @@ use evidence::{Evidence, Measured};
 /// Percent of the area without points below which the summary is silent about it.
 const NEGLIGIBLE_PERCENT: f64 = 1.0;
 
+/// Points that the field is asked about at a time.
+const AT_A_TIME: usize = 1 << 15;
+
 /// A file that a run read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Input {
@@ -358,7 +361,9 @@ impl FieldAtPoints {
             .map(|p| prepared.frame.to_unit(p))
             .collect();
         let mut values = vec![0.0; points.len()];
-        field.values(&points, &mut values)?;
+        for (points, values) in points.chunks(AT_A_TIME).zip(values.chunks_mut(AT_A_TIME)) {
+            field.values(points, values)?;
+        }
         let count = values.len().max(1) as f64;
         Ok(Self {
             mean: values.iter().map(|v| v.abs()).sum::<f64>() / count,

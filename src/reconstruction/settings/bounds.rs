@@ -75,6 +75,7 @@ pub const CHOICES: &[Choice] = &[
         "/network/scheme",
         &["plain", "resnet", "highway", "hw", "sqrhw", "gated"],
     ),
+    choice("/network/coarse_input", &["none", "residual"]),
     choice("/network/precision", &["f32", "f64"]),
     choice("/training/engine", &["auto", "fused", "libtorch"]),
     choice("/training/optimizer", &["lbfgs", "adam", "adam_lbfgs"]),

@@ -54,6 +54,18 @@ pub enum Scheme {
     Gated,
 }
 
+/// What the networks of blocks are told of the field of the network that fits the whole, the coarse field.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CoarseInput {
+    /// Nothing: they fit distances.
+    #[default]
+    None,
+    /// They fit what the coarse field leaves of the distances: the linear part of a multi-fidelity network (Lu,
+    /// Dao, Kumar, Ramamurty, Karniadakis, Suresh, 2020), with the coefficient 1.
+    Residual,
+}
+
 /// Floating-point type of parameters and samples in training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -91,6 +103,9 @@ pub struct Network {
     /// Number of its hidden layers.
     #[serde(default = "one")]
     pub block_layers: usize,
+    /// What the networks of blocks are told of the field of the network that fits the whole.
+    #[serde(default)]
+    pub coarse_input: CoarseInput,
     /// `hw` and `sqrhw` put the residual on hidden layers 1, 1 + n, 1 + 2n, …; 1 puts it on all.
     pub residual_every: usize,
     /// Floating-point type of parameters and samples.

@@ -4,8 +4,8 @@ use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Components, Engine, Evaluation, Frame, Network, OffSurface, Open, Optimizer, OutputLayer,
-    Precision, Sampling, Scheme, Settings, Surface, Targets, Training,
+    CoarseInput, Components, Engine, Evaluation, Frame, Network, OffSurface, Open, Optimizer,
+    OutputLayer, Precision, Sampling, Scheme, Settings, Surface, Targets, Training,
 };
 
 /// A named set of settings.
@@ -95,6 +95,7 @@ fn balanced() -> Settings {
             block_points: 110,
             block_width: 24,
             block_layers: 3,
+            coarse_input: CoarseInput::None,
             residual_every: 2,
             precision: Precision::F32,
         },

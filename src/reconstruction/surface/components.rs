@@ -4,10 +4,11 @@
 //! points near them, or fewer than the true surface beside them.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
 
 use crate::reconstruction::mesh::{TriangleMesh, components};
 use crate::reconstruction::settings::Components;
-use crate::reconstruction::vector::Vec3;
+use crate::reconstruction::vector::{Vec3, distance};
 
 /// Input points that a component needs: as many as the corners of a cube. A bubble beside the surface, as wide as
 /// the points are apart, takes fewer from it.
@@ -66,7 +67,10 @@ fn largest(areas: &[f64]) -> Vec<bool> {
     (0..areas.len()).map(|c| Some(c) == largest).collect()
 }
 
-/// How many of the points lie within reach of each component.
+/// Points that are looked at by themselves where there is one component.
+const LOOKED_AT: usize = 8;
+
+/// How many of the points lie within reach of each component; at least one is enough where there is only one.
 fn support(
     mesh: &TriangleMesh,
     ids: &[u32],
@@ -75,10 +79,14 @@ fn support(
     reach: f64,
 ) -> Vec<usize> {
     let mut support = vec![0; count];
-    let mut id_of_vertex = vec![None; mesh.vertices.len()];
+    let near = |p: &Vec3| mesh.vertices.par_iter().any(|v| distance(*p, *v) <= reach);
+    if count == 1 && points.iter().take(LOOKED_AT).any(near) {
+        return vec![1];
+    }
+    let mut id_of_vertex = vec![u32::MAX; mesh.vertices.len()];
     for (triangle, &id) in mesh.triangles.iter().zip(ids) {
         for &v in triangle {
-            id_of_vertex[v as usize] = Some(id as usize);
+            id_of_vertex[v as usize] = id;
         }
     }
     let Ok(tree) = ImmutableKdTree::new_from_slice(&mesh.vertices) else {
@@ -87,15 +95,21 @@ fn support(
     if mesh.vertices.is_empty() {
         return support;
     }
-    for point in points.iter().filter(|p| p.iter().all(|v| v.is_finite())) {
-        let nearest = tree
-            .query(point)
-            .nearest_one::<SquaredEuclidean<f64>>()
-            .execute();
-        if nearest.distance <= reach * reach
-            && let Some(id) = id_of_vertex[nearest.item as usize]
-        {
-            support[id] += 1;
+    let supported: Vec<u32> = points
+        .par_iter()
+        .filter(|p| p.iter().all(|v| v.is_finite()))
+        .filter_map(|point| {
+            let nearest = tree
+                .query(point)
+                .nearest_one::<SquaredEuclidean<f64>>()
+                .execute();
+            (nearest.distance <= reach * reach).then(|| id_of_vertex[nearest.item as usize])
+        })
+        .collect();
+    for id in supported {
+        // A vertex of no triangle belongs to no component.
+        if let Some(support) = support.get_mut(id as usize) {
+            *support += 1;
         }
     }
     support

@@ -58,11 +58,12 @@ pub(super) fn contour(
         limit: max_triangles,
     };
     // A closed mesh has at least 4/3 triangles a vertex, so this spares making them.
-    if crossings.iter().map(|c| c.vertices.len()).sum::<usize>() > max_triangles {
+    let count = crossings.iter().map(|c| c.vertices.len()).sum::<usize>();
+    if count > max_triangles {
         return Err(too_large());
     }
-    let mut numbering = Numbering::default();
-    let mut vertices = Vec::new();
+    let mut numbering = Numbering::with_capacity(samples.len());
+    let mut vertices = Vec::with_capacity(count);
     let mut caps = Vec::new();
     for part in crossings {
         numbering.extend(part.axes);
@@ -80,12 +81,18 @@ pub(super) fn contour(
                 .collect()
         })
         .collect();
-    if triangles.iter().map(Vec::len).sum::<usize>() > max_triangles {
+    let count = triangles.iter().map(Vec::len).sum::<usize>();
+    if count > max_triangles {
         return Err(too_large());
+    }
+    // Each part is freed once it is copied.
+    let mut all = Vec::with_capacity(count);
+    for part in triangles {
+        all.extend(part);
     }
     Ok(Contour {
         vertices,
-        triangles: triangles.concat(),
+        triangles: all,
         caps,
     })
 }
@@ -115,7 +122,6 @@ impl Crossings {
 }
 
 /// From an edge to its vertex.
-#[derive(Default)]
 struct Numbering {
     axes: Vec<u8>,
     /// First vertex of each known point.
@@ -124,6 +130,15 @@ struct Numbering {
 }
 
 impl Numbering {
+    /// No vertices yet, and room for so many known points.
+    fn with_capacity(points: usize) -> Self {
+        Self {
+            axes: Vec::with_capacity(points),
+            first: Vec::with_capacity(points),
+            vertices: 0,
+        }
+    }
+
     fn extend(&mut self, axes: Vec<u8>) {
         for axes in &axes {
             self.first.push(self.vertices);

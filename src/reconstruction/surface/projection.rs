@@ -3,6 +3,9 @@
 //! A Newton step for f(p + t ∇f) = 0 is p - f ∇f/|∇f|², here limited to half a cell, halved where
 //! |f| did not shrink, and undone around triangles that it turned over.
 
+use std::collections::BTreeMap;
+use std::ops::Range;
+
 use super::marching_cubes::Contour;
 use super::samples::BATCH;
 use super::sparse::PROGRESS;
@@ -33,69 +36,80 @@ struct Vertices {
 }
 
 /// Moves the vertices of `contour` in `request.projection_steps` steps; those of caps stay.
+///
+/// Vertices are moved some at a time, so that the memory beside theirs is bounded.
 pub(super) fn project(
     field: &dyn Field,
     request: &Request<'_>,
     spacing: f64,
     contour: &Contour,
 ) -> Result<Projected, Error> {
-    let calls = request.projection_steps + 1;
-    let share =
-        |call: usize, done: f64| PROGRESS + (1.0 - PROGRESS) * (call as f64 + done) / calls as f64;
-    let evaluate = |positions: Vec<Vec3>, call: usize| {
-        evaluate(field, request, positions, &|done| {
-            (request.progress)(share(call, done));
-        })
-    };
-    let start = evaluate(contour.vertices.clone(), 0)?;
-    let mut vertices = start.clone();
-    let mut longest = vec![LONGEST_STEP * spacing; start.positions.len()];
-    for cap in &contour.caps {
-        longest[*cap as usize] = 0.0;
-    }
-    for call in 1..calls {
-        let trial = (0..longest.len())
-            .map(|v| vertices.step(v, longest[v]))
-            .collect();
-        let trial = evaluate(trial, call)?;
-        for (v, longest) in longest.iter_mut().enumerate() {
-            if trial.values[v].abs() < vertices.values[v].abs() {
-                vertices.copy(v, &trial);
-            } else {
-                *longest *= 0.5;
+    let count = contour.vertices.len();
+    let mut positions = Vec::with_capacity(count);
+    let mut gradients = Vec::with_capacity(count);
+    let mut evaluations = 0;
+    for batch in contour.vertices.chunks(BATCH) {
+        let mut longest = vec![LONGEST_STEP * spacing; batch.len()];
+        let these = positions.len()..positions.len() + batch.len();
+        for cap in caps_of(contour, these) {
+            longest[cap - positions.len()] = 0.0;
+        }
+        let mut vertices = evaluate(field, request, batch.to_vec())?;
+        for _ in 0..request.projection_steps {
+            let trial = (0..longest.len())
+                .map(|v| vertices.step(v, longest[v]))
+                .collect();
+            let trial = evaluate(field, request, trial)?;
+            for (v, longest) in longest.iter_mut().enumerate() {
+                if trial.values[v].abs() < vertices.values[v].abs() {
+                    vertices.copy(v, &trial);
+                } else {
+                    *longest *= 0.5;
+                }
             }
         }
+        evaluations += (request.projection_steps + 1) * batch.len();
+        positions.extend(vertices.positions);
+        gradients.extend(vertices.gradients);
+        let done = positions.len() as f64 / count as f64;
+        (request.progress)(PROGRESS + (1.0 - PROGRESS) * done);
     }
-    let undone = undo_reversals(&mut vertices, &start, &contour.triangles);
+    let undone = undo_reversals(&mut positions, contour);
+    for batch in undone.chunks(BATCH) {
+        let start = batch.iter().map(|&v| contour.vertices[v]).collect();
+        let start = evaluate(field, request, start)?;
+        for (&v, gradient) in batch.iter().zip(start.gradients) {
+            gradients[v] = gradient;
+        }
+    }
     Ok(Projected {
-        normals: normals(&vertices, contour),
-        evaluations: (calls * start.positions.len()) as u64,
-        undone,
-        vertices: vertices.positions,
+        normals: normals(gradients, &positions, contour),
+        evaluations: (evaluations + undone.len()) as u64,
+        undone: undone.len(),
+        vertices: positions,
     })
+}
+
+/// The vertices among `these` that are those of caps.
+fn caps_of(contour: &Contour, these: Range<usize>) -> impl Iterator<Item = usize> {
+    let first = contour
+        .caps
+        .partition_point(|&v| (v as usize) < these.start);
+    let caps = contour.caps[first..].iter().map(|&v| v as usize);
+    caps.take_while(move |v| *v < these.end)
 }
 
 fn evaluate(
     field: &dyn Field,
     request: &Request<'_>,
     positions: Vec<Vec3>,
-    progress: &dyn Fn(f64),
 ) -> Result<Vertices, Error> {
-    let count = positions.len();
-    let mut values = vec![0.0; count];
-    let mut gradients = vec![[0.0; 3]; count];
-    for start in (0..count).step_by(BATCH) {
-        if (request.cancelled)() {
-            return Err(Error::Cancelled);
-        }
-        let batch = start..(start + BATCH).min(count);
-        field.values_and_gradients(
-            &positions[batch.clone()],
-            &mut values[batch.clone()],
-            &mut gradients[batch.clone()],
-        )?;
-        progress(batch.end as f64 / count as f64);
+    if (request.cancelled)() {
+        return Err(Error::Cancelled);
     }
+    let mut values = vec![0.0; positions.len()];
+    let mut gradients = vec![[0.0; 3]; positions.len()];
+    field.values_and_gradients(&positions, &mut values, &mut gradients)?;
     Ok(Vertices {
         positions,
         values,
@@ -123,27 +137,27 @@ impl Vertices {
     }
 }
 
-/// Puts the corners of triangles back whose normal turned by a right angle or more, until none did.
-fn undo_reversals(vertices: &mut Vertices, start: &Vertices, triangles: &[[u32; 3]]) -> usize {
-    let mut undone = vec![false; start.positions.len()];
+/// Puts the corners of triangles back whose normal turned by a right angle or more, until none did; these vertices,
+/// increasing.
+fn undo_reversals(positions: &mut [Vec3], contour: &Contour) -> Vec<usize> {
+    let mut undone = vec![false; positions.len()];
     loop {
         let mut again = false;
-        for triangle in triangles {
-            let [before, after] =
-                [start, &*vertices].map(|state| area(&state.positions, *triangle));
-            if dot(before, after) > 0.0 {
+        for triangle in &contour.triangles {
+            let before = area(&contour.vertices, *triangle);
+            if dot(before, area(positions, *triangle)) > 0.0 {
                 continue;
             }
             for v in triangle.map(|v| v as usize) {
                 if !undone[v] {
                     undone[v] = true;
                     again = true;
-                    vertices.copy(v, start);
+                    positions[v] = contour.vertices[v];
                 }
             }
         }
         if !again {
-            return undone.into_iter().filter(|undone| *undone).count();
+            return (0..undone.len()).filter(|&v| undone[v]).collect();
         }
     }
 }
@@ -155,31 +169,31 @@ fn area(positions: &[Vec3], triangle: [u32; 3]) -> Vec3 {
 }
 
 /// -∇f/|∇f|; where there is no gradient, and on caps, the mean normal of the triangles around.
-fn normals(vertices: &Vertices, contour: &Contour) -> Vec<Vec3> {
-    let mut normals: Vec<_> = vertices
-        .gradients
-        .iter()
-        .map(|gradient| normalized(scale(*gradient, -1.0)))
-        .collect();
+fn normals(mut gradients: Vec<Vec3>, positions: &[Vec3], contour: &Contour) -> Vec<Vec3> {
     for cap in &contour.caps {
-        normals[*cap as usize] = None;
+        gradients[*cap as usize] = [0.0; 3];
     }
-    let mut around = vec![[0.0; 3]; normals.len()];
-    for triangle in &contour.triangles {
-        let area = area(&vertices.positions, *triangle);
-        for v in triangle.map(|v| v as usize) {
-            if normals[v].is_none() {
-                around[v] = add(around[v], area);
+    // Vertices without a normal of their own.
+    let mut around: BTreeMap<usize, Vec3> = BTreeMap::new();
+    for (v, gradient) in gradients.iter_mut().enumerate() {
+        if let Some(normal) = normalized(scale(*gradient, -1.0)) {
+            *gradient = normal;
+        } else {
+            around.insert(v, [0.0; 3]);
+        }
+    }
+    if !around.is_empty() {
+        for triangle in &contour.triangles {
+            let area = area(positions, *triangle);
+            for v in triangle {
+                if let Some(around) = around.get_mut(&(*v as usize)) {
+                    *around = add(*around, area);
+                }
             }
         }
     }
-    normals
-        .into_iter()
-        .zip(around)
-        .map(|(normal, around)| {
-            normal
-                .or_else(|| normalized(around))
-                .unwrap_or([0.0, 0.0, 1.0])
-        })
-        .collect()
+    for (v, around) in around {
+        gradients[v] = normalized(around).unwrap_or([0.0, 0.0, 1.0]);
+    }
+    gradients
 }

@@ -1,12 +1,12 @@
 //! The field at some of the lattice's points: memory as the surface, not as the volume.
 //!
 //! A set of bits says which points are known; their values lie in one array in the order of the
-//! points. The number of known points before each word of the set makes a look-up one addition
-//! and one count of bits, without hashing and in an order that never varies.
+//! points. The number of known points before each page of the set makes a look-up one addition
+//! and a few counts of bits, without hashing and in an order that never varies.
 
 use std::ops::Range;
 
-use super::bits::{Bits, ones};
+use super::bits::{Bits, Page, ones};
 use super::grid::Lattice;
 use super::{Field, Request};
 use crate::reconstruction::error::Error;
@@ -88,34 +88,31 @@ fn check_finite(value: f64, point: Vec3) -> Result<(), Error> {
 /// Values of the field at the known points of a lattice.
 pub(super) struct Samples {
     known: Bits,
-    /// Known points before each word of `known`.
+    /// Known points before each page of `known` that has bits, by its place.
     ranks: Vec<u32>,
     values: Vec<f64>,
 }
 
 impl Samples {
     pub(super) fn none(lattice: &Lattice) -> Self {
-        let known = Bits::new(lattice.len());
         Self {
-            ranks: vec![0; known.words.len()],
-            known,
+            known: Bits::new(lattice.len()),
+            ranks: Vec::new(),
             values: Vec::new(),
         }
     }
 
     /// The samples of a set and the values of its members, in their order.
     pub(super) fn of(known: Bits, values: Vec<f64>) -> Self {
+        let mut ranks = vec![0; known.places()];
         let mut before = 0;
-        let ranks = known
-            .words
-            .iter()
-            .map(|word| {
-                let rank = before;
-                before += word.count_ones();
-                rank
-            })
-            .collect();
-        debug_assert_eq!(before as usize, values.len());
+        for number in 0..known.page_count() {
+            if let (Some(place), Some(page)) = (known.place_of(number), known.page(number)) {
+                ranks[place] = before as u32;
+                before += ones(page).count();
+            }
+        }
+        debug_assert_eq!(before, values.len());
         Self {
             known,
             ranks,
@@ -133,10 +130,8 @@ impl Samples {
 
     /// Place of a known point among the known ones.
     pub(super) fn rank(&self, index: usize) -> Option<usize> {
-        let word = *self.known.words.get(index / 64)?;
-        let bit = 1u64 << (index % 64);
-        (word & bit != 0)
-            .then(|| self.ranks[index / 64] as usize + (word & (bit - 1)).count_ones() as usize)
+        let (page, rank) = self.known.rank_in_page(index)?;
+        Some(self.ranks[page] as usize + rank)
     }
 
     /// The value at a known point.
@@ -146,19 +141,20 @@ impl Samples {
 
     /// Parts of the lattice to work through side by side, in order.
     pub(super) fn parts(&self) -> Vec<Range<usize>> {
-        const WORDS: usize = 1 << 10;
-        let words = self.known.words.len();
-        (0..words)
-            .step_by(WORDS)
-            .map(|start| start..(start + WORDS).min(words))
+        const PAGES: usize = 1 << 8;
+        let pages = self.known.page_count();
+        (0..pages)
+            .step_by(PAGES)
+            .map(|start| start..(start + PAGES).min(pages))
             .collect()
     }
 
     /// Known points of a part, and their values.
-    pub(super) fn part(&self, words: Range<usize>) -> impl Iterator<Item = (usize, f64)> {
-        let first = self.ranks[words.start] as usize;
+    pub(super) fn part(&self, pages: Range<usize>) -> impl Iterator<Item = (usize, f64)> {
+        let first = pages.clone().find_map(|page| self.known.place_of(page));
+        let first = first.map_or(self.len(), |place| self.ranks[place] as usize);
         self.known
-            .members_of(words)
+            .members_of(pages)
             .zip(self.values[first..].iter().copied())
     }
 
@@ -192,24 +188,26 @@ impl Samples {
         let mut merged = Vec::with_capacity(self.len() + fresh_values.len());
         let mut old = std::mem::take(&mut self.values).into_iter();
         let mut new = fresh_values.into_iter();
-        for ((known, fresh), rank) in self
-            .known
-            .words
-            .iter_mut()
-            .zip(&fresh.words)
-            .zip(&mut self.ranks)
-        {
-            *rank = merged.len() as u32;
-            *known |= fresh;
-            merged.extend(ones(*known).filter_map(|bit| {
-                if fresh >> bit & 1 == 1 {
+        let none = Page::default();
+        let mut known = std::mem::replace(&mut self.known, Bits::new(0));
+        for number in 0..known.page_count() {
+            let fresh = fresh.page(number).unwrap_or(&none);
+            if *fresh == none && known.page(number).is_none() {
+                continue;
+            }
+            let page = known.page_mut(number);
+            for (word, fresh) in page.iter_mut().zip(fresh) {
+                *word |= fresh;
+            }
+            merged.extend(ones(page).filter_map(|bit| {
+                if fresh[bit / 64] >> (bit % 64) & 1 == 1 {
                     new.next()
                 } else {
                     old.next()
                 }
             }));
         }
-        self.values = merged;
+        *self = Self::of(known, merged);
     }
 }
 

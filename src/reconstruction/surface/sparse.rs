@@ -35,7 +35,7 @@ pub(super) fn sample(source: &mut Source<'_>) -> Result<Samples, Error> {
     let mut wanted = Bits::new(lattice.len());
     for level in (0..=levels).rev() {
         let stride = 1 << level;
-        wanted.words.fill(0);
+        wanted.clear();
         for block in &blocks {
             for at in block_points(&lattice, *block, stride)
                 .into_iter()
@@ -157,7 +157,7 @@ fn follow(samples: &mut Samples, mut fresh: Bits, source: &mut Source<'_>) -> Re
     let lattice = source.lattice;
     let mut wanted = Bits::new(lattice.len());
     loop {
-        wanted.words.fill(0);
+        wanted.clear();
         for index in fresh.members() {
             mark_crossings(samples, &lattice, index, &mut wanted);
         }

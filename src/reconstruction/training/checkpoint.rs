@@ -53,7 +53,7 @@ impl Identity {
 }
 
 /// The settings as JSON, without `surface.open` and `surface.target_triangles`, which training does not depend on,
-/// and without the settings of blocks where there are none: checkpoints that are older than these stay good.
+/// and without the settings of blocks where there are none or that say none: checkpoints that are older than these stay good.
 fn trained_settings(settings: &Settings) -> String {
     let json =
         |value: serde_json::Result<String>| value.expect("settings are plain numbers and names");
@@ -62,7 +62,9 @@ fn trained_settings(settings: &Settings) -> String {
     let mut text = json(serde_json::to_string(settings))
         .replacen(&format!(",\"open\":{open}"), "", 1)
         .replacen(&format!(",\"target_triangles\":{triangles}"), "", 1);
+    text = text.replacen(",\"coarse_input\":\"none\"", "", 1);
     if settings.network.block_points == 0 {
+        text = text.replacen(",\"coarse_input\":\"residual\"", "", 1);
         for (name, value) in [
             ("block_points", 0),
             ("block_width", settings.network.block_width as u64),

@@ -93,16 +93,12 @@ impl<'a, T: Scalar> Problem<'a, T> {
         } else {
             self.weight_decay
         };
-        if solves {
-            let equations = self.engine.output_equations(parameters)?;
-            // Without a solution the output layer stays as it is. Its equations are not finite then, and so
-            // will the loss be, or singular, and it is one of many that fit as well.
-            let solution = equations.solve(output_decay).unwrap_or_default();
-            for (parameter, value) in parameters[output.clone()].iter_mut().zip(solution) {
-                *parameter = T::from_f64(value);
-            }
-        }
-        let mut loss = self.engine.loss_and_gradient(parameters, gradient)?;
+        let mut loss = if solves {
+            self.engine
+                .solved_loss_and_gradient(parameters, gradient, output_decay)?
+        } else {
+            self.engine.loss_and_gradient(parameters, gradient)?
+        };
         if output_decay > 0.0 {
             let of_output = dot(&parameters[output.clone()], &parameters[output.clone()]);
             let of_all = dot(parameters, parameters);

@@ -11,10 +11,6 @@ use crate::reconstruction::vector::Vec3;
 /// the level-2 cache. 512 was best or next to best at widths 50, 100 and 200.
 pub(in crate::reconstruction) const TILE_POINTS: usize = 512;
 
-/// The number of tiles is a multiple of this where there are blocks enough, so that as many threads
-/// get equal shares.
-const SHARES: usize = 4;
-
 /// Samples in blocks of points; the last block is filled up with samples of weight 0.
 #[derive(Debug)]
 pub(super) struct Batch {
@@ -58,22 +54,21 @@ impl Batch {
         }
     }
 
-    /// Blocks of each tile. They depend on the number of samples alone, so that sums over tiles do
-    /// not depend on the number of threads.
-    pub(super) fn tiles(&self) -> Vec<Range<usize>> {
-        let blocks = self.count.div_ceil(self.block_points);
+    /// Blocks of each tile, whose number is a multiple of `shares` where there are blocks enough, so that as many
+    /// threads get equal ones. Tiles do not depend on the number of threads, so that sums over them do not.
+    pub(super) fn tiles(&self, shares: usize) -> Vec<Range<usize>> {
+        let blocks = self.blocks();
         let fewest = blocks.div_ceil((TILE_POINTS / self.block_points).max(1));
-        let tiles = fewest.next_multiple_of(SHARES).min(blocks);
+        let tiles = fewest.next_multiple_of(shares).min(blocks);
         let bound = |tile: usize| tile * blocks / tiles;
         (0..tiles)
             .map(|tile| bound(tile)..bound(tile + 1))
             .collect()
     }
 
-    /// Most points of a tile.
-    pub(super) fn tile_points(&self) -> usize {
-        let longest = self.tiles().iter().map(Range::len).max().unwrap_or(0);
-        longest * self.block_points
+    /// Number of blocks.
+    pub(super) fn blocks(&self) -> usize {
+        self.count.div_ceil(self.block_points)
     }
 
     /// Three rows of coordinates of a block.
@@ -112,16 +107,18 @@ mod tests {
                 one_sided: vec![false; count],
             };
             let batch = Batch::new(&samples, 64);
-            let tiles = batch.tiles();
-            let mut next = 0;
-            for tile in &tiles {
-                assert_eq!(tile.start, next);
-                assert!(!tile.is_empty());
-                next = tile.end;
+            for shares in [1, 4] {
+                let tiles = batch.tiles(shares);
+                let mut next = 0;
+                for tile in &tiles {
+                    assert_eq!(tile.start, next);
+                    assert!(!tile.is_empty() && tile.len() * 64 <= TILE_POINTS);
+                    next = tile.end;
+                }
+                assert_eq!(next, count.div_ceil(64));
+                assert!(tiles.len().is_multiple_of(shares) || tiles.len() == next);
             }
-            assert_eq!(next, count.div_ceil(64));
-            assert!(batch.tile_points() <= TILE_POINTS);
-            let weights = (0..next).map(|block| batch.targets(block)[2]);
+            let weights = (0..batch.blocks()).map(|block| batch.targets(block)[2]);
             // Whole numbers: the sum is exact.
             let weight: f64 = weights.flatten().map(|w| f64::from(*w)).sum();
             assert!((weight - count as f64).abs() < 0.5);

@@ -31,7 +31,8 @@ use std::ops::Range;
 use pulp::{Arch, Simd};
 use rayon::prelude::*;
 
-use super::{Architecture, Engine, OutputEquations};
+use super::output_layer::set_output_layer;
+use super::{Architecture, Engine, Layer, OutputEquations, solve_then_evaluate};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::sampling::Samples;
 use crate::reconstruction::surface::Field;
@@ -53,12 +54,27 @@ pub enum Threads {
     One,
 }
 
+impl Threads {
+    /// Shares that the work is cut into. More than these threads take would sum up each of them for nothing.
+    fn shares(self) -> usize {
+        match self {
+            Self::All => 4,
+            Self::One => 1,
+        }
+    }
+}
+
+/// Most samples whose hidden layers are kept from the equations of the output layer to the loss: 8 bytes a neuron and
+/// sample, 1 MB for 3 layers of 24.
+const MAX_WHOLE_POINTS: usize = 2048;
+
 /// A network and its samples in blocks of points.
 #[derive(Debug)]
 pub struct Fused {
     arch: Arch,
     threads: Threads,
     architecture: Architecture,
+    layers: Vec<Layer>,
     rules: Vec<Rule>,
     batch: Batch,
     scratch: Pool<Scratch>,
@@ -83,6 +99,7 @@ impl Fused {
         Some(Self {
             arch,
             threads: Threads::All,
+            layers: architecture.layers(),
             architecture,
             rules,
             batch: Batch::new(samples, block_points),
@@ -99,8 +116,28 @@ impl Fused {
     fn network(&self, parameters: &[f32]) -> Network<'_> {
         Network {
             rules: &self.rules,
-            maps: affine_maps(&self.architecture, parameters),
+            maps: affine_maps(&self.layers, parameters),
         }
+    }
+
+    /// Memory for any of these tiles, or for all samples where they are worked through at once.
+    fn new_scratch(&self, tiles: &[Range<usize>]) -> Scratch {
+        let block_points = block_points(self.arch);
+        let longest = tiles.iter().map(Range::len).max().unwrap_or(0);
+        let blocks = if self.is_whole() {
+            self.batch.blocks()
+        } else {
+            longest
+        };
+        let points = blocks * block_points;
+        Scratch::new(&self.rules, self.architecture.width, points, block_points)
+    }
+
+    /// Whether all samples are worked through at once: where one thread does it, and what it keeps of them stays in
+    /// the cache.
+    fn is_whole(&self) -> bool {
+        let points = self.batch.blocks() * block_points(self.arch);
+        self.threads == Threads::One && points <= MAX_WHOLE_POINTS
     }
 
     /// Runs `work` on the tiles; adds up what it returns, and what it writes into the `length` zeros that it
@@ -110,9 +147,8 @@ impl Fused {
         length: usize,
         work: impl Fn(Range<usize>, &mut Scratch, &mut [f32]) -> f64 + Sync,
     ) -> (f64, Vec<f64>) {
-        let block_points = block_points(self.arch);
-        let points = self.batch.tile_points();
-        let scratch = || Scratch::new(&self.rules, self.architecture.width, points, block_points);
+        let tiles = self.batch.tiles(self.threads.shares());
+        let scratch = || self.new_scratch(&tiles);
         let tile = |blocks| {
             let mut sums = vec![0.0; length];
             let returned = self
@@ -120,10 +156,14 @@ impl Fused {
                 .with(scratch, |scratch| work(blocks, scratch, &mut sums));
             (returned, sums)
         };
-        let tiles = self.batch.tiles();
         let tiles: Vec<(f64, Vec<f32>)> = match self.threads {
-            Threads::All => tiles.into_par_iter().with_max_len(1).map(tile).collect(),
-            Threads::One => tiles.into_iter().map(tile).collect(),
+            Threads::All => tiles
+                .clone()
+                .into_par_iter()
+                .with_max_len(1)
+                .map(tile)
+                .collect(),
+            Threads::One => tiles.iter().cloned().map(tile).collect(),
         };
         let sum = |i: usize| tiles.iter().map(|(_, part)| f64::from(part[i])).sum();
         (
@@ -173,6 +213,7 @@ impl Engine<f32> for Fused {
                 blocks,
                 scratch,
                 gradient,
+                hidden_known: false,
             };
             dispatch(self.arch, tile)
         });
@@ -180,6 +221,52 @@ impl Engine<f32> for Fused {
             *g = sum as f32;
         }
         Ok(loss)
+    }
+
+    fn solved_loss_and_gradient(
+        &self,
+        parameters: &mut [f32],
+        gradient: &mut [f32],
+        decay: f64,
+    ) -> Result<f64, Error> {
+        if !self.is_whole() {
+            return solve_then_evaluate(self, parameters, gradient, decay);
+        }
+        let all = 0..self.batch.blocks();
+        let length = OutputSums::length(self.architecture.width);
+        self.scratch.with(
+            || self.new_scratch(&[]),
+            |scratch| {
+                let mut network = self.network(parameters);
+                let mut sums = vec![0.0; length];
+                let work = OutputSums {
+                    network: &network,
+                    batch: &self.batch,
+                    blocks: all.clone(),
+                    scratch,
+                    sums: &mut sums,
+                };
+                dispatch(self.arch, work);
+                let sums: Vec<f64> = sums.into_iter().map(f64::from).collect();
+                let equations = OutputSums::equations(&sums, &self.batch);
+                set_output_layer(&self.architecture, parameters, equations.solve(decay));
+                if !parameters.iter().all(|p| p.is_finite()) {
+                    gradient.fill(f32::NAN);
+                    return Ok(f64::NAN);
+                }
+                network.set_output(&self.layers, parameters);
+                gradient.fill(0.0);
+                let tile = Tile {
+                    network: &network,
+                    batch: &self.batch,
+                    blocks: all.clone(),
+                    scratch,
+                    gradient,
+                    hidden_known: true,
+                };
+                Ok(dispatch(self.arch, tile))
+            },
+        )
     }
 
     fn output_equations(&self, parameters: &[f32]) -> Result<OutputEquations, Error> {
@@ -227,6 +314,8 @@ struct Tile<'a> {
     blocks: Range<usize>,
     scratch: &'a mut Scratch,
     gradient: &'a mut [f32],
+    /// Whether the scratch has the hidden layers of each block, in its slot.
+    hidden_known: bool,
 }
 
 impl Blockwise for Tile<'_> {
@@ -245,7 +334,10 @@ impl Blockwise for Tile<'_> {
         let mut kept = 0;
         for block in self.blocks {
             let points = self.batch.points(block);
-            pass.forward::<N>(kept, points);
+            if !self.hidden_known {
+                pass.hidden::<N>(kept, points);
+            }
+            pass.output::<N>(kept);
             let [lower, upper, weights] = self.batch.targets(block);
             let values = pass.scratch.values[kept * weights.len()..].iter_mut();
             let mut at_rest = true;
@@ -257,8 +349,8 @@ impl Blockwise for Tile<'_> {
                 *f = scale * weighted;
                 at_rest &= weighted == 0.0;
             }
-            // Where all bounds hold there is no gradient, and no way back.
-            if !at_rest {
+            // Where all bounds hold there is no gradient, and no way back. Known layers stay in their slots.
+            if self.hidden_known || !at_rest {
                 pass.keep_points(kept, points);
                 pass.backward::<N>(kept);
                 kept += 1;

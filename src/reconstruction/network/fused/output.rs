@@ -10,7 +10,8 @@ use super::pass::{Network, Pass, Scratch};
 use crate::reconstruction::network::OutputEquations;
 
 /// Over some blocks of points, with a the outputs of the last hidden layer:
-/// Σ w a aᵀ, Σ w a, Σ w y a and Σ w y, one after the other, are added to `sums`.
+/// Σ w a aᵀ (its lower half), Σ w a, Σ w y a and Σ w y, one after the other, are added to `sums`. The hidden layers
+/// stay in the scratch, each block in a slot of its own.
 pub(super) struct OutputSums<'a> {
     pub(super) network: &'a Network<'a>,
     pub(super) batch: &'a Batch,
@@ -33,8 +34,9 @@ impl OutputSums<'_> {
         let (weighted, targets) = rest.split_at(width);
         let count = batch.count as f64;
         let mut matrix = Vec::with_capacity((width + 1) * (width + 1));
-        for (row, last) in products.chunks_exact(width).zip(weighted) {
-            matrix.extend(row.iter().map(|sum| sum / count));
+        for (row, last) in weighted.iter().enumerate() {
+            let product = |column: usize| products[row.max(column) * width + row.min(column)];
+            matrix.extend((0..width).map(|column| product(column) / count));
             matrix.push(last / count);
         }
         matrix.extend(weighted.iter().map(|sum| sum / count));
@@ -58,7 +60,7 @@ impl Blockwise for OutputSums<'_> {
         };
         let count = self.blocks.len();
         for (slot, block) in self.blocks.enumerate() {
-            pass.forward::<N>(slot, self.batch.points(block));
+            pass.hidden::<N>(slot, self.batch.points(block));
             let [targets, _, weights] = self.batch.targets(block);
             pass.weigh_output::<N>(slot, targets, weights);
         }

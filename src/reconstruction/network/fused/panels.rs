@@ -1,6 +1,6 @@
 //! The weights of a network, laid out for the products.
 
-use super::super::{Architecture, Layer};
+use super::super::Layer;
 
 /// Most rows of a panel. With four vectors of points to each row it takes 24 of the 32 registers of
 /// AVX-512, and as many sums hide the latency of the multiply-add many times over.
@@ -55,7 +55,7 @@ pub(super) struct Affine {
 }
 
 impl Affine {
-    fn new(layer: &Layer, parameters: &[f32]) -> Self {
+    pub(super) fn new(layer: &Layer, parameters: &[f32]) -> Self {
         let (rows, columns) = (layer.rows, layer.columns);
         let weight = &parameters[layer.weight.clone()];
         Self {
@@ -66,9 +66,8 @@ impl Affine {
     }
 }
 
-/// All affine maps of a network, from the input to the output.
-pub(super) fn affine_maps(architecture: &Architecture, parameters: &[f32]) -> Vec<Affine> {
-    let layers = architecture.layers();
+/// The affine maps of these layers of a network.
+pub(super) fn affine_maps(layers: &[Layer], parameters: &[f32]) -> Vec<Affine> {
     layers
         .iter()
         .map(|layer| Affine::new(layer, parameters))

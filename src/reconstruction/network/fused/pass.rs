@@ -4,9 +4,9 @@ use pulp::Simd;
 
 use super::aligned::Aligned;
 use super::panels::Affine;
-use super::products::{self, Backward, Factors, Hidden, Row};
+use super::products::{self, Backward, Factors, Hidden, Row, Wanted};
 use super::unit::{Hw, Sqrhw, Tanh};
-use crate::reconstruction::network::Architecture;
+use crate::reconstruction::network::{Architecture, Layer};
 use crate::reconstruction::settings::Scheme;
 
 /// Vectors of points in a block: with the rows of a panel or patch they fill the registers.
@@ -49,6 +49,15 @@ pub(super) struct Network<'a> {
     pub(super) maps: Vec<Affine>,
 }
 
+impl Network<'_> {
+    /// Takes the output layer of `parameters`, the last of the `layers`.
+    pub(super) fn set_output(&mut self, layers: &[Layer], parameters: &[f32]) {
+        if let (Some(map), Some(layer)) = (self.maps.last_mut(), layers.last()) {
+            *map = Affine::new(layer, parameters);
+        }
+    }
+}
+
 /// What a pass keeps of its points, block by block; made once and used again and again.
 #[derive(Debug)]
 pub(super) struct Scratch {
@@ -60,6 +69,9 @@ pub(super) struct Scratch {
     pub(super) values: Aligned,
     /// Coordinates of the points, three rows a block, where weight gradients are wanted.
     points: Aligned,
+    /// w a of the last hidden layer and w y, where the equations of the output layer are wanted.
+    weighted: Aligned,
+    weighted_targets: Aligned,
     /// ∂L/∂a of one block, for [`Rule::Resnet`].
     carried: Aligned,
 }
@@ -79,6 +91,8 @@ impl Scratch {
             slopes: layers(),
             values: Aligned::zeros(points),
             points: Aligned::zeros(3 * points),
+            weighted: Aligned::zeros(width * points),
+            weighted_targets: Aligned::zeros(points),
             carried: Aligned::zeros(if carries { width * block_points } else { 0 }),
         }
     }
@@ -95,6 +109,13 @@ impl<S: Simd> Pass<'_, S> {
     /// f at a block of points (3 rows) into `values` of the block, keeping what the way back needs.
     #[inline(always)]
     pub(super) fn forward<const N: usize>(&mut self, block: usize, points: &[f32]) {
+        self.hidden::<N>(block, points);
+        self.output::<N>(block);
+    }
+
+    /// The hidden layers at a block of points (3 rows).
+    #[inline(always)]
+    pub(super) fn hidden<const N: usize>(&mut self, block: usize, points: &[f32]) {
         let Scratch {
             outputs, slopes, ..
         } = &mut *self.scratch;
@@ -118,6 +139,12 @@ impl<S: Simd> Pass<'_, S> {
                 Rule::Sqrhw => products::forward::<S, N, Sqrhw>(self.simd, map, &mut hidden),
             }
         }
+    }
+
+    /// f at a block of points of which the hidden layers are known.
+    #[inline(always)]
+    pub(super) fn output<const N: usize>(&mut self, block: usize) {
+        let outputs = &self.scratch.outputs;
         let (Some(last), Some(map)) = (outputs.last(), self.network.maps.last()) else {
             return;
         };
@@ -173,7 +200,7 @@ impl<S: Simd> Pass<'_, S> {
         products::backward(self.simd, map, &mut input);
     }
 
-    /// w a of the last hidden layer of a block in place of its slopes, and w y in place of `values`.
+    /// Weighs the last hidden layer and the targets of a block, for its [`output_sums`](Self::output_sums).
     #[inline(always)]
     pub(super) fn weigh_output<const N: usize>(
         &mut self,
@@ -183,20 +210,20 @@ impl<S: Simd> Pass<'_, S> {
     ) {
         let Scratch {
             outputs,
-            slopes,
-            values,
+            weighted,
+            weighted_targets,
             ..
         } = &mut *self.scratch;
-        let values = values[block * weights.len()..].iter_mut();
+        let values = weighted_targets[block * weights.len()..].iter_mut();
         for ((value, target), weight) in values.zip(targets).zip(weights) {
             *value = weight * target;
         }
-        let (Some(a), Some(slope)) = (outputs.last(), slopes.last_mut()) else {
+        let Some(a) = outputs.last() else {
             return;
         };
         let width = self.network.maps[self.network.rules.len()].weight.columns;
         let weights = rows::<S, N>(weights)[0];
-        let rows = block_of_mut::<S, N>(slope, block, width).iter_mut();
+        let rows = block_of_mut::<S, N>(weighted, block, width).iter_mut();
         for (weighted, a) in rows.zip(block_of::<S, N>(a, block, width)) {
             for v in 0..N {
                 weighted[v] = self.simd.mul_f32s(weights[v], a[v]);
@@ -209,21 +236,25 @@ impl<S: Simd> Pass<'_, S> {
     pub(super) fn output_sums<const N: usize>(&self, blocks: usize, sums: &mut [f32]) {
         let Scratch {
             outputs,
-            slopes,
-            values,
+            weighted,
+            weighted_targets,
             ..
         } = &*self.scratch;
-        let (Some(a), Some(weighted)) = (outputs.last(), slopes.last()) else {
+        let Some(a) = outputs.last() else {
             return;
         };
         let width = self.network.maps[self.network.rules.len()].weight.columns;
         let mut rest = sums;
-        for (delta, rows) in [(weighted, width), (values, 1)] {
+        for (delta, rows, wanted) in [
+            (weighted, width, Wanted::LowerHalf),
+            (weighted_targets, 1, Wanted::All),
+        ] {
             let factors = Factors {
                 delta: &self::rows::<S, N>(delta)[..blocks * rows],
                 input: &self::rows::<S, N>(a)[..blocks * width],
                 rows,
                 columns: width,
+                wanted,
             };
             let (products, behind) = rest.split_at_mut(rows * width);
             let (sums, behind) = behind.split_at_mut(rows);
@@ -251,6 +282,7 @@ impl<S: Simd> Pass<'_, S> {
                 },
                 rows,
                 columns,
+                wanted: Wanted::All,
             };
             let (weight, behind) = rest.split_at_mut(rows * columns);
             let (bias, behind) = behind.split_at_mut(rows);

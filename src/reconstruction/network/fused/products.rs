@@ -187,6 +187,16 @@ pub(super) struct Factors<'a, S: Simd, const N: usize> {
     pub(super) rows: usize,
     /// Rows of a block of `input`.
     pub(super) columns: usize,
+    /// What of the product is wanted.
+    pub(super) wanted: Wanted,
+}
+
+/// Parts of a product.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Wanted {
+    All,
+    /// Of a symmetric one, what lies on the diagonal and below it, and some of the rest.
+    LowerHalf,
 }
 
 /// ∂L/∂W (rows × columns) and ∂L/∂b, added to what is there.
@@ -229,6 +239,9 @@ fn patches<S: Simd, const M: usize, const N: usize>(
     weight: &mut [f32],
 ) {
     for (column, columns) in runs(factors.columns, patch_size::<S>()) {
+        if factors.wanted == Wanted::LowerHalf && column >= row + M {
+            break;
+        }
         let corner = (row, column);
         match columns {
             1 => patch::<S, M, 1, N>(simd, factors, corner, weight),

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::{BlockPlan, Findings, Plan};
 use crate::reconstruction::cloud::Counts;
+use crate::reconstruction::mesh::INDEXED_TRIANGLES;
 use crate::reconstruction::network::{Architecture, TILE_POINTS};
 use crate::reconstruction::sampling::MANY;
 use crate::reconstruction::settings::{
@@ -79,9 +80,11 @@ const SECONDS_AROUND: f64 = 0.3;
 /// Memory of the program and its libraries.
 const BASE_BYTES: u64 = 130 << 20;
 
-/// Memory for each triangle while the mesh is measured, and for each point of the cloud.
-const BYTES_PER_TRIANGLE: f64 = 400.0;
-const BYTES_PER_POINT: u64 = 600;
+/// Memory for each triangle while the mesh is measured, for each of those that are indexed at a time, and for each
+/// point of the cloud.
+const BYTES_PER_TRIANGLE: f64 = 120.0;
+const BYTES_PER_INDEXED_TRIANGLE: f64 = 250.0;
+const BYTES_PER_POINT: u64 = 300;
 
 /// Numbers that libtorch keeps for each neuron and sample, on the way forwards and back.
 const LIBTORCH_NUMBERS: u64 = 5;
@@ -95,6 +98,9 @@ const BYTES_PER_SAMPLE: u64 = 32;
 /// Points of the sparse grid near the surface for each square of its resolution: six faces of the
 /// box, some layers thick.
 const SAMPLES_PER_SQUARE: u64 = 24;
+
+/// Points of the whole grid for each byte of the table that says where the bits of a set of them are.
+const POINTS_PER_TABLE_BYTE: u64 = 64;
 
 /// What a plan costs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -167,6 +173,8 @@ impl Plan<'_> {
         let training_bytes = self.engine_bytes(threads) + pairs_bytes + places as u64;
         let points = self.findings.points as u64;
         let triangles = TRIANGLES_PER_CELL * self.cells(blocks.is_some());
+        let mesh_bytes = BYTES_PER_TRIANGLE * triangles
+            + BYTES_PER_INDEXED_TRIANGLE * triangles.min(INDEXED_TRIANGLES as f64);
         Cost {
             parameters,
             samples: self.findings.samples as u64,
@@ -181,7 +189,7 @@ impl Plan<'_> {
             seconds: SECONDS_AROUND + self.usual_seconds() / threads as f64,
             memory_bytes: BASE_BYTES
                 + points * BYTES_PER_POINT
-                + training_bytes.max((BYTES_PER_TRIANGLE * triangles) as u64),
+                + training_bytes.max(mesh_bytes as u64),
         }
     }
 
@@ -314,7 +322,7 @@ fn neurons(architecture: &Architecture) -> u64 {
     (architecture.width * architecture.hidden_layers) as u64
 }
 
-/// Memory of the grid of these settings: a bit a point where it is dense, and the points near the surface.
+/// Memory of the grid of these settings: the points near the surface, and of each set of them where its bits are.
 pub fn grid_bytes(settings: &Settings) -> u64 {
     bytes_of_grid(settings.surface.evaluation, settings.surface.resolution)
 }
@@ -330,10 +338,11 @@ pub fn largest_resolution(settings: &Settings, limit_bytes: u64) -> usize {
 fn bytes_of_grid(evaluation: Evaluation, resolution: usize) -> u64 {
     let resolution = resolution as u64;
     let near = resolution.pow(2) * SAMPLES_PER_SQUARE * BYTES_PER_SAMPLE;
-    match evaluation {
-        Evaluation::Sparse => near,
-        Evaluation::Dense => near + resolution.pow(3) / 8,
-    }
+    let sets = match evaluation {
+        Evaluation::Sparse => 3,
+        Evaluation::Dense => 1,
+    };
+    near + sets * resolution.pow(3) / POINTS_PER_TABLE_BYTE
 }
 
 #[cfg(test)]
