@@ -20,14 +20,13 @@ pub(super) fn fit<T: Scalar>(
     identity: Identity,
 ) -> Result<(Trained<T>, bool), Error> {
     let (plan, prepared) = (mesher.plan, mesher.prepared);
-    let leaves_too_much = |parameters: &[T]| match (&plan.blocks, scan) {
+    let leaves_too_much = |parameters: &[T], tolerated: f64| match (&plan.blocks, scan) {
         (Some(_), Some(scan)) => {
             let field = MeanField::of(engine, parameters)?;
-            blocks::needed(&field, prepared, scan)
+            blocks::needed(&field, prepared, scan, tolerated)
         }
         _ => Ok(false),
     };
-    let first_look = plan.blocks.as_ref().and_then(|blocks| blocks.first_look);
     let mut snapshot = |evaluation: u64, parameters: &[T]| {
         let field = MeanField::of(engine, parameters)?;
         // Training takes care of a release after this iteration, without losing it.
@@ -49,8 +48,11 @@ pub(super) fn fit<T: Scalar>(
         observer: mesher.observer,
         snapshot: &mut snapshot,
         enough: &mut |evaluations, parameters| {
-            let looks = first_look.is_some_and(|look| evaluations.contains(&(look - 1)));
-            Ok(looks && leaves_too_much(parameters)?)
+            let blocks = plan.blocks.as_ref();
+            let looks = blocks.filter(|blocks| evaluations.contains(&(blocks.first_look - 1)));
+            looks.map_or(Ok(false), |blocks| {
+                leaves_too_much(parameters, blocks.unsettled)
+            })
         },
         identity,
     };
@@ -68,7 +70,7 @@ pub(super) fn fit<T: Scalar>(
     let refines = match trained.termination {
         Termination::HandedOver => true,
         Termination::TimeLimit => false,
-        _ => leaves_too_much(&trained.parameters)?,
+        _ => leaves_too_much(&trained.parameters, 1.0)?,
     };
     Ok((trained, refines))
 }

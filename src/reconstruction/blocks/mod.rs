@@ -8,6 +8,7 @@ mod checkpoint;
 mod field;
 mod fit;
 mod lookup;
+mod misfit;
 mod model;
 mod partition;
 mod samples;
@@ -24,9 +25,10 @@ use super::sampling::selection::{Split, pick};
 use super::sampling::{Frame, Prepared, Samples, Scan};
 use super::settings::CoarseInput;
 use super::surface::Field;
-use super::vector::{Vec3, norm};
+use super::vector::Vec3;
 use fit::{Done, Fitted, Task};
 use lookup::Lookup;
+use misfit::misfit;
 use samples::{CoarseLengths, Places, members};
 use series::Series;
 
@@ -36,28 +38,29 @@ pub use model::BlockModel;
 
 pub(super) use checkpoint::State;
 
-/// Whether the field of one network leaves more of the points that it was not fitted to than their noise explains.
+/// Whether the field of one network misses more of the points that it was not fitted to than `tolerated` times what
+/// the plan tolerates in the end.
 ///
 /// # Errors
 /// What the field reports.
-pub(super) fn needed(field: &dyn Field, prepared: &Prepared, scan: &Scan) -> Result<bool, Error> {
-    let held_out = prepared.validation.on_surface();
-    if held_out.is_empty() {
-        return Ok(false);
-    }
-    let mut values = vec![0.0; held_out.len()];
-    let mut gradients = vec![[0.0; 3]; held_out.len()];
-    field.values_and_gradients(&held_out, &mut values, &mut gradients)?;
-    let squares = values.iter().zip(&gradients).map(|(f, slope)| {
-        // Where the slope is that of no distance, the field is at its band or has not formed yet.
-        let slope = norm(*slope).max(1.0 / scan.band);
-        (f / slope).powi(2)
-    });
-    let variance = squares.sum::<f64>() / held_out.len() as f64;
-    let noise = scan.uncertainty.noise;
-    let left = (variance - noise * noise).max(0.0).sqrt();
+pub(super) fn needed(
+    field: &dyn Field,
+    prepared: &Prepared,
+    scan: &Scan,
+    tolerated: f64,
+) -> Result<bool, Error> {
+    let positions = prepared
+        .held_out
+        .iter()
+        .map(|i| scan.indices.binary_search(i));
+    let held_out: Vec<Vec3> = positions
+        .filter_map(|position| Some(scan.surface.points[position.ok()?]))
+        .collect();
+    let missed = misfit(field, &held_out, scan.band)?;
     let spacing = median(&mut scan.surface.spacings.clone());
-    Ok(left > BlockPlan::tolerated(spacing, noise))
+    let fitted = prepared.counts.surface as f64 / prepared.points as f64;
+    let in_the_end = BlockPlan::tolerated(spacing, scan.uncertainty.noise, fitted);
+    Ok(missed > tolerated * in_the_end)
 }
 
 /// The networks of all blocks over a coarse one.

@@ -8,10 +8,16 @@ use crate::reconstruction::settings::{Settings, Training};
 /// it is fitted to.
 const FIRST_LOOK: u64 = 150;
 
+/// What an ensemble that uncertain points are fitted with misses at that look, over what it will in the end, at most.
+/// Chosen on a sphere and a bunny of 8000 points.
+const UNSETTLED: f64 = 3.0;
+
 /// What one network may leave of a cloud, in spacings of its points. Chosen on the bunny and the hand of the bench.
 const LEFT_OF_SPACING: f64 = 0.05;
 
-/// What it may leave, over the noise.
+/// What it may leave, over the noise of the points it was fitted to, shared by as many as all points are for each of
+/// them: what points that it has not seen can tell. Chosen on sphere, bunny, vertebra and hand of the bench, and on a
+/// bone and a figure.
 const LEFT_OF_NOISE: f64 = 0.5;
 
 /// Points that are held out of the blocks, at most: enough to tell the error of a mesh.
@@ -37,7 +43,9 @@ pub struct BlockPlan {
     /// The network of each.
     pub architecture: Architecture,
     /// Evaluations after which the one network is asked whether it will do, before its training ends.
-    pub first_look: Option<u64>,
+    pub first_look: u64,
+    /// What it may miss at that look, over what it may in the end.
+    pub unsettled: f64,
     /// Evaluations after which the network of a block is asked the same; each time.
     pub round: u64,
     /// The training of the network of a block.
@@ -53,14 +61,17 @@ impl BlockPlan {
         }
         let share = (settings.sampling.validation_fraction * points as f64) as usize;
         let held_out = share.min(HELD_OUT);
-        // Of uncertain points, an ensemble that has not settled yet leaves more than it will.
-        let looks = !findings.is_uncertain() || points > settings.sampling.surface_points;
         let round = settings.training.block_evaluations;
         Some(Self {
             count: (points - held_out).div_ceil(most),
             held_out,
             architecture: Architecture::of_block(&settings.network),
-            first_look: looks.then_some(FIRST_LOOK),
+            first_look: FIRST_LOOK,
+            unsettled: if findings.is_uncertain() {
+                UNSETTLED
+            } else {
+                1.0
+            },
             round,
             training: Training {
                 max_evaluations: ROUNDS * round,
@@ -74,9 +85,10 @@ impl BlockPlan {
         })
     }
 
-    /// How far one network may leave points of such spacing, whose noise is known, without them.
-    pub fn tolerated(spacing: f64, noise: f64) -> f64 {
-        (LEFT_OF_SPACING * spacing).max(LEFT_OF_NOISE * noise)
+    /// How far one network that was fitted to such a share of the points, of such spacing and noise, may miss the
+    /// others without blocks.
+    pub fn tolerated(spacing: f64, noise: f64, fitted: f64) -> f64 {
+        (LEFT_OF_SPACING * spacing).max(LEFT_OF_NOISE * noise * fitted.sqrt())
     }
 
     /// How far the network of a block may leave its points: their noise, and a share of their spacing.
