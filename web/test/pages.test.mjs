@@ -1,0 +1,111 @@
+// Every page in both themes: no fault that axe knows, nothing that is wider than the window. Asked to
+// (PICTURES), it also takes the pictures of docs/.
+
+import assert from 'node:assert/strict';
+import { join } from 'node:path';
+import { before, test } from 'node:test';
+import { browse, drop, ended, folder, open, root, sample, serve, submit, violations } from './support.mjs';
+
+const PICTURES = process.env.PICTURES ? join(root, 'docs') : null;
+
+const after = [];
+const t = { after: (tidy) => after.push(tidy) };
+let origin;
+let browser;
+let clouds;
+let jobs;
+
+before(async () => {
+  clouds = folder(t);
+  origin = (await serve(t, folder(t))).origin;
+  browser = await browse(t);
+  const hand = sample(clouds, 'hand', 900);
+  const small = { surface: { resolution: PICTURES ? 96 : 48 }, network: { block_points: 0 } };
+  const job = (file, settings, labels = {}) => ({ preset: 'fast', settings: { ...small, ...settings }, labels: { file, ...labels } });
+  jobs = [];
+  for (const request of [
+    job('hand.ply', {}, { patient: 'p7' }),
+    job('hand.ply', { training: { max_evaluations: 60 } }, { patient: 'p7' }),
+    job('short.ply', { training: { max_evaluations: 5 } }),
+  ]) {
+    const { id } = await submit(origin, hand, request);
+    await ended(origin, id);
+    jobs.push(id);
+  }
+  const long = { preset: 'fine', settings: { training: { max_evaluations: 1_000_000, patience: 0, snapshot_evaluations: [10] } }, labels: { file: 'knee.ply' } };
+  jobs.push((await submit(origin, hand, long)).id);
+  jobs.push((await submit(origin, hand, job('waits.ply', {}))).id);
+});
+test.after(async () => {
+  for (const tidy of after.reverse()) await tidy();
+});
+
+const settled = (page) => page.getByText('Loading…').first().waitFor({ state: 'hidden' });
+
+/** Each page: its address, and when all of it is there. */
+const PAGES = [
+  { name: 'jobs', at: () => '#/jobs', ready: (page) => page.getByRole('progressbar', { name: 'Progress of knee.ply' }).waitFor() },
+  { name: 'jobs-chosen', at: () => '#/jobs?status=succeeded', ready: async (page) => {
+    await page.getByRole('checkbox', { name: 'Choose hand.ply' }).first().check();
+    await page.getByRole('group', { name: 'Chosen jobs' }).waitFor();
+  } },
+  { name: 'nothing', at: () => '#/jobs?label=patient:nobody', ready: (page) => page.getByText('No job matches.').waitFor() },
+  { name: 'new', at: () => '#/new', ready: async (page) => {
+    await drop(page, join(clouds, 'hand.ply'), 'hand.ply');
+    await page.getByText('900 points').waitFor();
+    await page.getByLabel('Neurons per layer').fill('0');
+    await page.locator('.field .fault').waitFor();
+  } },
+  { name: 'job', at: () => `#/jobs/${jobs[0]}`, ready: async (page) => {
+    await page.getByRole('application', { name: /[1-9][\d,]* triangles, 900 points/ }).waitFor();
+    await page.getByRole('img', { name: /^Loss from/ }).waitFor();
+    await page.getByLabel('Colour', { exact: true }).selectOption('distance');
+    await page.locator('.picture').click();
+  } },
+  { name: 'job-running', at: () => `#/jobs/${jobs[3]}`, ready: async (page) => {
+    await page.getByRole('application', { name: /[1-9][\d,]* triangles, 900 points/ }).waitFor();
+    await page.getByRole('img', { name: /^Loss from/ }).waitFor();
+  } },
+  { name: 'question', at: () => `#/jobs/${jobs[4]}`, ready: async (page) => {
+    await page.getByText('number 1 in the queue').waitFor();
+    await page.getByRole('button', { name: 'Delete' }).click();
+    await page.getByRole('dialog').waitFor();
+  } },
+  { name: 'compare', at: () => `#/compare?a=${jobs[0]}&b=${jobs[1]}`, ready: async (page) => {
+    await page.getByRole('application', { name: /triangles, 900 points/ }).nth(1).waitFor();
+    await page.getByRole('img', { name: /^First from/ }).waitFor();
+  } },
+  { name: 'system', at: () => '#/system', ready: (page) => page.getByText('Workers busy').waitFor() },
+  { name: 'missing', at: () => '#/nowhere', ready: (page) => page.getByText('There is no such page.').waitFor() },
+];
+
+for (const colorScheme of ['light', 'dark']) {
+  test(`every page is accessible, ${colorScheme}`, async () => {
+    const { page, faults } = await open(browser, origin, { colorScheme });
+    for (const { name, at, ready } of PAGES) {
+      await page.goto(`${origin}/${at()}`);
+      await ready(page);
+      await settled(page);
+      const found = [...await violations(page), ...faults.splice(0)];
+      // The form shows a mistake on purpose, which the service refuses.
+      const meant = (fault) => name === 'new' && fault.includes('422');
+      assert.deepEqual(found.filter((fault) => !meant(fault)), [], name);
+      const shown = { light: ['jobs', 'job', 'compare', 'system'], dark: ['new', 'job-running'] };
+      if (PICTURES && shown[colorScheme].includes(name)) await page.screenshot({ path: join(PICTURES, `web-${name}.png`) });
+    }
+    await page.context().close();
+  });
+}
+
+test('nothing is wider than a telephone or a tablet', async () => {
+  for (const width of [360, 768]) {
+    const { page } = await open(browser, origin, { viewport: { width, height: 800 } });
+    for (const { name, at, ready } of PAGES) {
+      await page.goto(`${origin}/${at()}`);
+      await ready(page);
+      const wide = await page.evaluate(() => document.documentElement.scrollWidth);
+      assert.ok(wide <= width, `${name} is ${wide} wide at ${width}`);
+    }
+    await page.context().close();
+  }
+});
