@@ -154,8 +154,8 @@ function CurvesPanel({ ids }: { ids: [string, string] }) {
   const first = useCurves(ids[0], 'succeeded');
   const second = useCurves(ids[1], 'succeeded');
   const curves = useMemo<Curve[]>(() => [
-    { label: 'First', color: 'curve-1', x: first.evaluation, y: losses(first, false) },
-    { label: 'Second', color: 'curve-2', dashed: true, x: second.evaluation, y: losses(second, false) },
+    { label: 'First', color: 'curve-1', ...losses(first, false) },
+    { label: 'Second', color: 'curve-2', dashed: true, ...losses(second, false) },
   ], [first, second]);
   return <Panel title="Loss"><Chart curves={curves} log xLabel="Evaluations" /></Panel>;
 }

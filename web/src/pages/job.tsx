@@ -1,16 +1,15 @@
 // One job: how far it is, what came of it, and everything to take along.
 
-import { useEffect, useMemo, useState } from 'preact/hooks';
+import { useEffect, useState } from 'preact/hooks';
 import { get, sentence, words } from '../api/client';
 import type { Job, Report, Snapshot } from '../api/types';
 import { between, duration, many, percent, remaining } from '../format';
 import { Badge, Panel, Progress, Time, title, Trouble } from '../parts/basic';
-import { Chart, type Curve } from '../parts/chart';
+import { CurvesPanel } from '../parts/curves';
 import { Downloads, Snippets } from '../parts/take';
 import { differences } from '../parts/settings';
 import { ReportPanel } from '../parts/report';
 import { cancel, remove, retry } from '../state/actions';
-import { losses, useCurves } from '../state/curves';
 import { useJob } from '../state/job';
 import { active } from '../state/jobs';
 import { loadPresets, preset } from '../state/presets';
@@ -176,35 +175,6 @@ function useSnapshots(job: Job, arrived: number): Snapshot[] {
     get<{ items: Snapshot[] }>(`/v1/jobs/${job.id}/snapshots`).then(({ items }) => setFound(items), () => undefined);
   }, [job.id, job.status, arrived]);
   return found;
-}
-
-function CurvesPanel({ job }: { job: Job }) {
-  const curves = useCurves(job.id, job.status);
-  const [log, setLog] = useState(true);
-  const [gradient, setGradient] = useState(false);
-  const drawn = useMemo<Curve[]>(() => {
-    const x = curves.evaluation;
-    const all: Curve[] = [{ label: 'Loss', color: 'curve-1', x, y: losses(curves, false) }];
-    if (curves.validation_loss.some((value) => value !== null)) {
-      all.push({ label: 'Validation loss', color: 'curve-2', dashed: true, x, y: curves.validation_loss });
-    }
-    const blocks = losses(curves, true);
-    if (blocks.some((value) => value !== null)) all.push({ label: 'Loss of blocks, mean', color: 'curve-4', x, y: blocks });
-    if (gradient) all.push({ label: 'Gradient norm', color: 'curve-3', x, y: curves.gradient_norm });
-    return all;
-  }, [curves, gradient]);
-  return (
-    <Panel title="Training" aside={(
-      <span class="inline">
-        <label class="check"><input type="checkbox" checked={log} onChange={({ currentTarget }) => setLog(currentTarget.checked)} /> Log scale</label>
-        <label class="check"><input type="checkbox" checked={gradient} onChange={({ currentTarget }) => setGradient(currentTarget.checked)} /> Gradient</label>
-      </span>
-    )}>
-      {curves.evaluation.length > 0
-        ? <Chart curves={drawn} log={log} xLabel="Evaluations" />
-        : <p class="muted">{active(job.status) ? 'Curves appear when training begins.' : 'There are no curves.'}</p>}
-    </Panel>
-  );
 }
 
 function Differences({ job }: { job: Job }) {

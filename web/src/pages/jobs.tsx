@@ -12,7 +12,7 @@ import { href, replace, route } from '../state/route';
 import { PHASE, STATUS, VERDICT } from '../words';
 
 /** Height of a row, which the style sheet has too. */
-const ROW = 60;
+const ROW = 64;
 
 /** Rows beyond the window that are there already. */
 const SPARE = 8;

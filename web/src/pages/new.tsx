@@ -105,7 +105,7 @@ export function NewPage() {
         </div>
         <div class="side">
           <EstimatePanel estimate={estimate.value} trouble={failure ?? estimate.failure} />
-          <button type="submit" class="primary large" disabled={!some || sending || underway.value}>
+          <button type="submit" class="primary large" disabled={!some || sending || underway.value || faults.size > 0}>
             {underway.value ? 'Uploading…' : clouds.length > 1 ? `Start ${clouds.length} jobs` : 'Start'}
           </button>
           {!some && !underway.value && <p class="muted">Choose a point cloud first.</p>}
@@ -204,10 +204,13 @@ function PresetChoice({ value, onChange }: { value: PresetName; onChange: (name:
 function EstimatePanel({ estimate, trouble }: { estimate: Estimate | null; trouble: Failure | null }) {
   return (
     <Panel title="Estimate">
-      {trouble && <Trouble>{trouble.message}</Trouble>}
-      {trouble && [...trouble.faults].map(([pointer, detail]) => (
-        <p class="fault">{pointer.replace(/^\/settings\//, '').replaceAll('/', '.')} {detail}</p>
-      ))}
+      {trouble && (
+        <Trouble>
+          {trouble.faults.size === 0 ? trouble.message : [...trouble.faults].map(([pointer, detail]) => (
+            <span class="line">{pointer.replace(/^\/(settings\/)?/, '').replaceAll('/', '.')} {sentence(detail).replace(/^./, (first) => first.toLowerCase())}</span>
+          ))}
+        </Trouble>
+      )}
       {estimate && (
         <dl class="numbers">
           <div><dt>Time</dt><dd>{duration(estimate.seconds)}</dd></div>

@@ -20,7 +20,7 @@ export function Downloads({ job }: { job: Job }) {
       )}
       <ul class="downloads">
         {others.map(({ name, text }) => (
-          <li><a href={link(name)} download>{name.toUpperCase()}</a>: {text}</li>
+          <li><a href={link(name)} download>{name.toUpperCase()}</a> {text}</li>
         ))}
         <li><a href={`/v1/jobs/${job.id}/report`} download={`${job.id}-report.json`}>Report, as JSON</a></li>
         <li><a href={`/v1/jobs/${job.id}/metrics?format=csv`} download={`${job.id}-metrics.csv`}>Curves, as CSV</a></li>

@@ -161,6 +161,26 @@ onEvent((event) => {
 });
 onReturn(() => void lookAgain());
 
+/** Milliseconds after which a queue that moved is looked at: jobs that are short end in crowds. */
+const QUEUE_PAUSE = 1_000;
+
+/** Milliseconds between two looks without a reason: that a job was erased is no event. */
+const LONG_PAUSE = 60_000;
+
+let pending = 0;
+onEvent(({ name }) => {
+  const moved = /started|succeeded|failed|cancelled/.test(name);
+  if (moved && pending === 0 && rows.value.some((row) => row.peek().status === 'queued')) {
+    pending = setTimeout(() => {
+      pending = 0;
+      void lookAgain();
+    }, QUEUE_PAUSE);
+  }
+});
+setInterval(() => {
+  if (!document.hidden) void lookAgain();
+}, LONG_PAUSE);
+
 /** Whether something can still happen to a job. */
 export function active(status: Status): boolean {
   return status === 'queued' || status === 'running';

@@ -1,7 +1,7 @@
 // The picture of a mesh and its points. It is drawn when something changed, not all the time.
 
 import {
-  BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, HemisphereLight, Line, LineBasicMaterial, Mesh as Triangles,
+  BufferAttribute, BufferGeometry, CanvasTexture, Color, DirectionalLight, DoubleSide, HemisphereLight, Line, LineBasicMaterial, Mesh as Triangles,
   MeshPhongMaterial, PerspectiveCamera, Plane, Points as Dots, PointsMaterial, Raycaster, Scene as World, SRGBColorSpace,
   Vector2, Vector3, WebGLRenderer, type Intersection, type Object3D,
 } from 'three';
@@ -43,6 +43,19 @@ const DIRECTIONS: Record<Direction, Triple> = {
 /** A click that moved further, in pixels, turned the picture. */
 const CLICK = 4;
 
+/** Makes points round. */
+function disc(): CanvasTexture {
+  const canvas = document.createElement('canvas');
+  canvas.width = canvas.height = 32;
+  const context = canvas.getContext('2d');
+  if (context) {
+    context.fillStyle = '#fff';
+    context.arc(16, 16, 15, 0, 2 * Math.PI);
+    context.fill();
+  }
+  return new CanvasTexture(canvas);
+}
+
 /** Angle of a step of the arrow keys. */
 const STEP = Math.PI / 18;
 
@@ -57,9 +70,10 @@ export class Scene {
   private readonly controls: OrbitControls;
   private readonly resize: ResizeObserver;
   private readonly plane = new Plane(new Vector3(-1, 0, 0), 0);
+  private readonly round = disc();
   private readonly surface = new Triangles(new BufferGeometry(), new MeshPhongMaterial({ side: DoubleSide, shininess: 18, specular: 0x222222 }));
-  private readonly dots = new Dots(new BufferGeometry(), new PointsMaterial({ size: 3, sizeAttenuation: false, vertexColors: true }));
-  private readonly marks = new Dots(new BufferGeometry(), new PointsMaterial({ size: 11, sizeAttenuation: false, depthTest: false }));
+  private readonly dots = new Dots(new BufferGeometry(), new PointsMaterial({ size: 4, sizeAttenuation: false, vertexColors: true, map: this.round, alphaTest: 0.5 }));
+  private readonly marks = new Dots(new BufferGeometry(), new PointsMaterial({ size: 12, sizeAttenuation: false, depthTest: false, map: this.round, alphaTest: 0.5 }));
   private readonly tape = new Line(new BufferGeometry(), new LineBasicMaterial({ depthTest: false }));
   private origin: Triple | null;
   private picks: Vector3[] = [];
@@ -197,6 +211,8 @@ export class Scene {
 
   /** What is seen there, in the middle if nothing else is said, becomes a mark; the third begins anew. */
   pick(x = 0, y = 0): void {
+    // It may have moved since it was drawn.
+    this.camera.updateMatrixWorld();
     const caster = new Raycaster();
     caster.setFromCamera(new Vector2(x, y), this.camera);
     caster.params.Points.threshold = this.low.distanceTo(this.high) / 150;
@@ -226,6 +242,7 @@ export class Scene {
       object.geometry.dispose();
       object.material.dispose();
     }
+    this.round.dispose();
     this.renderer.dispose();
     this.renderer.forceContextLoss();
     this.renderer.domElement.remove();

@@ -1,7 +1,7 @@
 // The 3D view: the picture, what can be shown in it, and what was picked. What draws is loaded when
 // the first picture is.
 
-import { useEffect, useRef, useState } from 'preact/hooks';
+import { useEffect, useId, useRef, useState } from 'preact/hooks';
 import { many, number } from '../format';
 import { words } from '../api/client';
 import { say } from '../parts/say';
@@ -42,6 +42,7 @@ function palette(): Palette {
 export function View({ name, mesh, points, scale, onScene, origin, compact }: Props) {
   const box = useRef<HTMLDivElement>(null);
   const scene = useRef<Scene | null>(null);
+  const help = useId();
   const [drawn, setDrawn] = useState(false);
   const [look, setLook] = useState<Look>(START);
   const [picks, setPicks] = useState<Triple[]>([]);
@@ -93,12 +94,12 @@ export function View({ name, mesh, points, scale, onScene, origin, compact }: Pr
     <div class="view">
       <div class="picture-frame">
         <div ref={box} class={compact ? 'picture compact' : 'picture'} role="application" tabIndex={0} aria-label={label}
-          aria-roledescription="3D view" aria-describedby="view-keys" onKeyDown={keys} />
+          aria-roledescription="3D view" aria-describedby={help} onKeyDown={keys} />
         {!mesh && !points && !trouble && <p class="picture-note" role="status">Loading…</p>}
         {trouble && <p class="picture-note" role="alert">{trouble}</p>}
         {look.byDistance && mesh?.distances && look.mesh && <Legend most={look.most} />}
       </div>
-      <p id="view-keys" class="unseen">Arrow keys turn, plus and minus zoom, Home shows all, Enter picks the middle, Escape clears the picks.</p>
+      <p id={help} class="unseen">Arrow keys turn, plus and minus zoom, Home shows all, Enter picks the middle, Escape clears the picks.</p>
       <Controls look={look} mesh={mesh} points={points} scale={scale} change={change} />
       <div class="buttons" role="group" aria-label="Views">
         {VIEWS.map(({ direction, text }) => (
