@@ -64,7 +64,7 @@ const PAGES = [
   { name: 'job', at: () => `#/jobs/${jobs[0]}`, ready: async (page) => {
     await page.getByRole('application', { name: triangles }).waitFor();
     await page.getByRole('img', { name: /^Loss from/ }).waitFor();
-    await page.getByRole('combobox', { name: 'Colour' }).selectOption('distance');
+    await page.getByRole('combobox', { name: 'Colour' }).selectOption('points');
     await page.locator('.picture').click();
   } },
   { name: 'job-running', at: () => `#/jobs/${jobs[3]}`, ready: async (page) => {
@@ -79,6 +79,8 @@ const PAGES = [
   { name: 'compare', at: () => `#/compare?a=${jobs[0]}&b=${jobs[1]}`, ready: async (page) => {
     await page.getByRole('application', { name: triangles }).nth(1).waitFor();
     await page.getByRole('img', { name: /^First from/ }).waitFor();
+    await page.getByRole('combobox', { name: 'Colour' }).last().selectOption('other');
+    await page.locator('.legend').getByText('Distance to the other mesh').waitFor();
   } },
   { name: 'system', at: () => '#/system', ready: (page) => page.getByText('Workers busy').waitFor() },
   { name: 'missing', at: () => '#/nowhere', ready: (page) => page.getByText('There is no such page.').waitFor() },
@@ -97,7 +99,7 @@ for (const colorScheme of ['light', 'dark']) {
       const meant = (fault) => name === 'new' && fault.includes('422');
       all.push(...found.filter((fault) => !meant(fault)).map((fault) => `${name}: ${fault}`));
       const shown = { light: ['jobs', 'job', 'compare', 'system'], dark: ['new', 'job-running'] };
-      if (name === 'job') await page.getByRole('combobox', { name: 'Colour' }).selectOption('plain');
+      if (name === 'job') await page.getByRole('combobox', { name: 'Colour' }).selectOption('');
       await page.evaluate(() => scrollTo(0, 0));
       if (PICTURES && shown[colorScheme].includes(name)) await page.screenshot({ path: join(PICTURES, `web-${name}.png`) });
     }

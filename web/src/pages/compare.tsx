@@ -9,10 +9,14 @@ import { Chart, type Curve } from '../parts/chart';
 import { differences } from '../parts/settings';
 import { losses, useCurves } from '../state/curves';
 import { href, replace, route } from '../state/route';
+import { distances } from '../viewer/distance';
 import { fetchMesh, fetchPoints, type Mesh, type Points } from '../viewer/ply';
 import type { Scene, Triple } from '../viewer/scene';
 import { View } from '../viewer/view';
 import { VERDICT } from '../words';
+
+/** More triangles than this take too long to measure while one waits. */
+const MANY_TRIANGLES = 500_000;
 
 export function ComparePage() {
   const { query } = route.value;
@@ -56,11 +60,26 @@ async function load(id: string): Promise<Side> {
   return { job, report, mesh, points: await fetchPoints(job.cloud_id).catch(() => null) };
 }
 
+/** Largest distance of the points' support: beyond it both surfaces are made up. */
+function scaleOf(sides: [Side, Side]): number | null {
+  return Math.max(...sides.map(({ report }) => report.surface?.support_distance ?? 0)) || null;
+}
+
+/** With the distance of each mesh to the other. */
+function measured(sides: [Side, Side]): [Side, Side] {
+  const [a, b] = [sides[0].mesh, sides[1].mesh];
+  const most = 3 * (scaleOf(sides) ?? 0);
+  if (most > 0 && Math.max(a.index.length, b.index.length) / 3 <= MANY_TRIANGLES) {
+    [a.toOther, b.toOther] = [distances(a, b, most), distances(b, a, most)];
+  }
+  return sides;
+}
+
 function Pair({ ids }: { ids: [string, string] }) {
   const [sides, setSides] = useState<[Side, Side] | null>(null);
   const [trouble, setTrouble] = useState('');
   useEffect(() => {
-    Promise.all([load(ids[0]), load(ids[1])]).then(setSides, (error: unknown) => setTrouble(words(error)));
+    Promise.all([load(ids[0]), load(ids[1])]).then((both) => setSides(measured(both)), (error: unknown) => setTrouble(words(error)));
   }, []);
   if (trouble) return <Trouble>{trouble}</Trouble>;
   if (!sides) return <p role="status">Loading…</p>;
@@ -81,7 +100,7 @@ function Pictures({ sides }: { sides: [Side, Side] }) {
   const scenes = useRef<[Scene | null, Scene | null]>([null, null]);
   const leads = useRef(false);
   const origin: Triple = sides[0].mesh.origin;
-  const scale = Math.max(...sides.map(({ report }) => report.surface?.support_distance ?? 0)) || null;
+  const scale = scaleOf(sides);
   const link = (i: 0 | 1) => (scene: Scene | null) => {
     scenes.current[i] = scene;
     if (!scene) return;

@@ -9,6 +9,8 @@ export interface Mesh {
   normals: Float32Array | null;
   /** Of each vertex from the nearest point of the cloud. */
   distances: Float32Array | null;
+  /** Of each vertex from another mesh, where there is one beside it. */
+  toOther?: Float32Array;
   index: Uint32Array;
 }
 

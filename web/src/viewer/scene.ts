@@ -15,7 +15,7 @@ export interface Look {
   mesh: boolean;
   points: boolean;
   wireframe: boolean;
-  byDistance: boolean;
+  color: '' | 'points' | 'other';
   /** Distance that has the last colour. */
   most: number;
   /** Axis of the plane that cuts the picture open. */
@@ -161,7 +161,7 @@ export class Scene {
 
   show(look: Look, palette: Palette): void {
     const before = this.look;
-    const repaint = palette !== this.palette || before?.byDistance !== look.byDistance || before?.most !== look.most;
+    const repaint = palette !== this.palette || before?.color !== look.color || before?.most !== look.most;
     this.look = look;
     this.palette = palette;
     if (repaint) this.paint();
@@ -280,7 +280,7 @@ export class Scene {
   private paint(): void {
     const { mesh, points, look, palette } = this;
     if (!look || !palette) return;
-    const byDistance = look.byDistance && mesh?.distances;
+    const byDistance = look.color === 'points' ? mesh?.distances : look.color === 'other' ? mesh?.toOther : null;
     if (mesh && byDistance) {
       const colors = new Float32Array(mesh.positions.length);
       const color = new Color();

@@ -28,8 +28,10 @@ const VIEWS: { direction: Direction; text: string }[] = [
   { direction: 'bottom', text: 'Bottom' },
 ];
 
+const COLORS = { points: 'Distance to points', other: 'Distance to the other mesh' };
+
 const START: Look = {
-  mesh: true, points: true, wireframe: false, byDistance: false, most: 1, cut: '', cutAt: 0.5,
+  mesh: true, points: true, wireframe: false, color: '', most: 1, cut: '', cutAt: 0.5,
 };
 
 function palette(): Palette {
@@ -97,7 +99,7 @@ export function View({ name, mesh, points, scale, onScene, origin, compact }: Pr
           aria-roledescription="3D view" aria-describedby={help} onKeyDown={keys} />
         {!mesh && !points && !trouble && <p class="picture-note" role="status">Loading…</p>}
         {trouble && <p class="picture-note" role="alert">{trouble}</p>}
-        {look.byDistance && mesh?.distances && look.mesh && <Legend most={look.most} />}
+        {look.color && mesh && look.mesh && <Legend of={COLORS[look.color]} most={look.most} />}
       </div>
       <p id={help} class="unseen">Arrow keys turn, plus and minus zoom, Home shows all, Enter picks the middle, Escape clears the picks.</p>
       <Controls look={look} mesh={mesh} points={points} scale={scale} change={change} />
@@ -145,13 +147,13 @@ function Controls({ look, mesh, points, scale, change }: ControlProps) {
       {check('Points', 'points', !points)}
       {check('Wireframe', 'wireframe', !mesh)}
       <label>Colour
-        <select value={look.byDistance ? 'distance' : 'plain'} disabled={!mesh?.distances}
-          onChange={({ currentTarget: { value } }) => change({ byDistance: value === 'distance' })}>
-          <option value="plain">Plain</option>
-          <option value="distance">Distance to points</option>
+        <select value={look.color} disabled={!mesh} onChange={({ currentTarget: { value } }) => change({ color: value as Look['color'] })}>
+          <option value="">Plain</option>
+          {mesh?.distances && <option value="points">{COLORS.points}</option>}
+          {mesh?.toOther && <option value="other">{COLORS.other}</option>}
         </select>
       </label>
-      {look.byDistance && (
+      {look.color && (
         <label>Up to {number(look.most)}
           <input type="range" min={far / 100} max={far} step={far / 100} value={look.most}
             onInput={({ currentTarget }) => change({ most: Number(currentTarget.value) })} />
@@ -175,7 +177,7 @@ function Controls({ look, mesh, points, scale, change }: ControlProps) {
   );
 }
 
-function Legend({ most }: { most: number }) {
+function Legend({ of, most }: { of: string; most: number }) {
   const bar = useRef<HTMLCanvasElement>(null);
   useEffect(() => {
     const context = bar.current?.getContext('2d');
@@ -187,7 +189,7 @@ function Legend({ most }: { most: number }) {
   }, []);
   return (
     <div class="legend">
-      <span>Distance to the nearest point</span>
+      <span>{of}</span>
       <canvas ref={bar} width={128} height={1} aria-hidden="true" />
       <span class="ends"><span>0</span><span>{number(most)} and more</span></span>
     </div>
