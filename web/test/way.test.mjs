@@ -4,7 +4,7 @@ import assert from 'node:assert/strict';
 import { createHash } from 'node:crypto';
 import { readFileSync } from 'node:fs';
 import { before, test } from 'node:test';
-import { browse, colours, drop, folder, open, sample, serve, submit } from './support.mjs';
+import { browse, colours, drop, folder, open, sample, serve, submit, violations } from './support.mjs';
 
 let after = [];
 const t = { after: (tidy) => after.push(tidy) };
@@ -141,5 +141,30 @@ test('keys alone do all of it', async () => {
   await page.keyboard.press('Escape');
   await page.getByRole('dialog').waitFor({ state: 'hidden' });
   assert.deepEqual(faults, []);
+  await page.context().close();
+});
+
+test('one click compares the schemes of the publication', async () => {
+  const { page, faults } = await open(browser, origin);
+  await page.goto(`${origin}/#/new`);
+  await drop(page, sample(clouds, 'sphere', 300), 'ball.ply');
+  await page.getByText('Fast', { exact: true }).click();
+  await page.getByLabel('Training steps').fill('40');
+  await page.getByLabel('Grid resolution').fill('32');
+  await page.getByLabel(/^One job for each of the five schemes/).check();
+  await page.getByRole('button', { name: 'Start 5 jobs' }).click();
+  for (const scheme of ['plain', 'resnet', 'highway', 'hw', 'sqrhw']) {
+    await page.getByRole('row', { name: new RegExp(`^${scheme} (Good|Doubtful|Poor)`) }).waitFor();
+  }
+  await page.getByRole('img', { name: /^plain from.*; sqrhw from/ }).waitFor();
+  await page.getByRole('link', { name: 'sqrhw' }).click();
+  await page.getByText('Components of the gradient').waitFor();
+  await page.getByRole('img', { name: /linear/ }).waitFor();
+  assert.deepEqual(await violations(page), []);
+  await page.goBack();
+  await page.getByRole('row', { name: /^plain/ }).waitFor();
+  assert.deepEqual(await violations(page), []);
+  assert.deepEqual(faults, []);
+  if (process.env.SHOT) await page.screenshot({ path: process.env.SHOT, fullPage: true });
   await page.context().close();
 });

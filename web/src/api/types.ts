@@ -18,6 +18,7 @@ export type PresetName = Schemas['PresetName'];
 export type PresetEntry = Schemas['PresetEntry'];
 export type Snapshot = Schemas['Snapshot'];
 export type MetricSeries = Schemas['MetricSeries'];
+export type GradientHistogram = Schemas['GradientHistogram'];
 export type Limits = Schemas['Limits'];
 export type Ready = Schemas['Ready'];
 export type Version = Schemas['Version'];

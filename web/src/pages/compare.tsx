@@ -6,6 +6,7 @@ import type { Job, JobPage as Page, Report } from '../api/types';
 import { count, duration, number } from '../format';
 import { Badge, Panel, short, title, Trouble } from '../parts/basic';
 import { Chart, type Curve } from '../parts/chart';
+import { Series } from '../parts/series';
 import { differences } from '../parts/settings';
 import { losses, useCurves } from '../state/curves';
 import { href, replace, route } from '../state/route';
@@ -20,15 +21,16 @@ const MANY_TRIANGLES = 500_000;
 
 export function ComparePage() {
   const { query } = route.value;
+  const label = query.get('label');
   const [a, b] = [query.get('a') ?? '', query.get('b') ?? ''];
   const [jobs, setJobs] = useState<Job[]>([]);
   const [trouble, setTrouble] = useState('');
   useEffect(() => {
     get<Page>('/v1/jobs?status=succeeded&limit=200').then(({ items }) => setJobs(items), (error: unknown) => setTrouble(words(error)));
   }, []);
-  const choose = (label: string, key: 'a' | 'b', value: string) => (
-    <label>{label}
-      <select value={value} onChange={({ currentTarget }) => replace(href('compare', { a, b, [key]: currentTarget.value }))}>
+  const choose = (text: string, key: 'a' | 'b', value: string) => (
+    <label>{text}
+      <select value={value} onChange={({ currentTarget }) => replace(href('compare', { label: label ?? undefined, a, b, [key]: currentTarget.value }))}>
         <option value="">Choose a job</option>
         {value && !jobs.some(({ id }) => id === value) && <option value={value}>Job {short(value)}</option>}
         {jobs.map((job) => <option value={job.id}>{title(job)}, {job.preset}, {short(job.id)}</option>)}
@@ -39,8 +41,9 @@ export function ComparePage() {
     <>
       <div class="page-head"><h1 tabIndex={-1}>Compare</h1></div>
       {trouble && <Trouble>{trouble}</Trouble>}
+      {label && <Series label={label} />}
       <div class="filters">{choose('First job', 'a', a)}{choose('Second job', 'b', b)}</div>
-      {a && b ? <Pair key={`${a}/${b}`} ids={[a, b]} /> : <p class="muted">Choose two jobs that have succeeded.</p>}
+      {a && b ? <Pair key={`${a}/${b}`} ids={[a, b]} /> : <p class="muted">{label ? 'Two of them, or of all others, can be looked at side by side.' : 'Choose two jobs that have succeeded.'}</p>}
     </>
   );
 }

@@ -19,19 +19,28 @@ const PAUSE_MS = 250;
 /** Evaluations at which the mesh is shown while it trains. */
 const LOOKS = [20, 50, 100, 200];
 
+/** The schemes of the publication, and when their gradients are looked at. */
+const SCHEMES = ['plain', 'resnet', 'highway', 'hw', 'sqrhw'];
+const GRADIENTS = [10, 100];
+
 interface Plan {
   preset: PresetName;
   changes: Changes;
   watch: boolean;
+  /** Whether there is a job for each scheme, to be compared. */
+  schemes: boolean;
   labels: string;
 }
 
-function settingsOf({ changes, watch }: Plan): Settings {
-  const settings = asSettings(changes);
-  if (watch && !('training.snapshot_evaluations' in changes)) {
-    settings.training = { ...settings.training, snapshot_evaluations: LOOKS };
-  }
-  return settings;
+/** Those of the evaluations that the training can reach. */
+function reached({ preset, changes }: Plan, evaluations: number[]): string {
+  const most = Number(changes['training.max_evaluations'] ?? presetOf(preset)?.settings.training?.max_evaluations);
+  return evaluations.filter((evaluation) => !(evaluation > most)).join(', ');
+}
+
+function settingsOf(plan: Plan): Settings {
+  const looks: Changes = plan.watch ? { 'training.snapshot_evaluations': reached(plan, LOOKS) } : {};
+  return asSettings({ ...looks, ...plan.changes });
 }
 
 /** Labels as they are typed: name:value, several with commas between them. */
@@ -44,7 +53,7 @@ function labelsOf(text: string): Record<string, string> {
 }
 
 export function NewPage() {
-  const [plan, setPlan] = useState<Plan>({ preset: 'balanced', changes: {}, watch: false, labels: '' });
+  const [plan, setPlan] = useState<Plan>({ preset: 'balanced', changes: {}, watch: false, schemes: false, labels: '' });
   const [failure, setFailure] = useState<Failure | null>(null);
   const [sending, setSending] = useState(false);
   const wanted = route.value.query.get('cloud_id');
@@ -66,9 +75,13 @@ export function NewPage() {
     setSending(true);
     try {
       const jobs: Job[] = [];
-      for (const draft of ready.value) jobs.push(await submit(plan, draft));
+      const experiment = crypto.getRandomValues(new Uint32Array(1))[0]?.toString(16) ?? '0';
+      for (const draft of ready.value) {
+        for (const variant of variants(plan, experiment)) jobs.push(await submit(variant, draft));
+      }
       clear();
-      go(jobs.length === 1 ? href(`jobs/${jobs[0]?.id}`) : href('jobs'));
+      if (plan.schemes) go(href('compare', { label: `experiment:${experiment}` }));
+      else go(jobs.length === 1 ? href(`jobs/${jobs[0]?.id}`) : href('jobs'));
       say(`${many(jobs.length, 'job')} submitted.`);
     } catch (error) {
       setFailure(error instanceof Failure ? error : new Failure(words(error), 0, null));
@@ -77,6 +90,7 @@ export function NewPage() {
     }
   };
   const some = clouds.length > 0;
+  const total = clouds.length * (plan.schemes ? SCHEMES.length : 1);
   return (
     <>
       <div class="page-head"><h1 tabIndex={-1}>New job</h1></div>
@@ -88,6 +102,10 @@ export function NewPage() {
           <Files />
           <PresetChoice value={plan.preset} onChange={(name) => change({ preset: name, changes: {} })} />
           <Panel title="Settings">
+            <label class="check">
+              <input type="checkbox" checked={plan.schemes} onChange={({ currentTarget }) => change({ schemes: currentTarget.checked })} />
+              One job for each of the five schemes of the publication, side by side
+            </label>
             <label class="check">
               <input type="checkbox" checked={plan.watch} onChange={({ currentTarget }) => change({ watch: currentTarget.checked })} />
               Show the mesh while it trains (takes a little longer)
@@ -106,13 +124,23 @@ export function NewPage() {
         <div class="side">
           <EstimatePanel estimate={estimate.value} trouble={failure ?? estimate.failure} />
           <button type="submit" class="primary large" disabled={!some || sending || underway.value || faults.size > 0}>
-            {underway.value ? 'Uploading…' : clouds.length > 1 ? `Start ${clouds.length} jobs` : 'Start'}
+            {underway.value ? 'Uploading…' : total > 1 ? `Start ${total} jobs` : 'Start'}
           </button>
           {!some && !underway.value && <p class="muted">Choose a point cloud first.</p>}
         </div>
       </form>
     </>
   );
+}
+
+/** The plan itself, or one for each scheme. */
+function variants(plan: Plan, experiment: string): Plan[] {
+  if (!plan.schemes) return [plan];
+  return SCHEMES.map((scheme) => ({
+    ...plan,
+    changes: { 'training.histogram_evaluations': reached(plan, GRADIENTS), ...plan.changes, 'network.scheme': scheme },
+    labels: `${plan.labels}, experiment:${experiment}, scheme:${scheme}`,
+  }));
 }
 
 function submit(plan: Plan, draft: Draft): Promise<Job> {

@@ -1,7 +1,8 @@
 // The training of a job as curves.
 
-import { useMemo, useState } from 'preact/hooks';
-import type { Job } from '../api/types';
+import { useEffect, useMemo, useState } from 'preact/hooks';
+import { get } from '../api/client';
+import type { GradientHistogram, Job } from '../api/types';
 import { losses, norms, useCurves, type Curves } from '../state/curves';
 import { active } from '../state/jobs';
 import { Panel } from './basic';
@@ -51,6 +52,39 @@ export function CurvesPanel({ job }: { job: Job }) {
       {curves.evaluation.length > 0
         ? <Chart curves={shown} log={log} xLabel="Evaluations" />
         : <p class="muted">{active(job.status) ? 'Curves appear when training begins.' : 'There are no curves.'}</p>}
+      <Gradients job={job} />
     </Panel>
+  );
+}
+
+/** The places of the bins' middles, and how many components of the gradient each has. */
+function histogram({ layer, min, max, counts }: GradientHistogram['layers'][number], i: number): Curve {
+  const width = (max - min) / counts.length;
+  return {
+    label: layer, color: COLORS[i % COLORS.length] ?? 'curve-1', dashed: i >= COLORS.length,
+    x: counts.map((_, bin) => min + (bin + 0.5) * width), y: counts,
+  };
+}
+
+/** Histograms of the gradient at chosen evaluations, where the settings ask for them. */
+function Gradients({ job }: { job: Job }) {
+  const [items, setItems] = useState<GradientHistogram[]>([]);
+  const [chosen, setChosen] = useState(0);
+  const wanted = (job.settings.training?.histogram_evaluations ?? []).length > 0;
+  useEffect(() => {
+    if (wanted) get<{ items: GradientHistogram[] }>(`/v1/jobs/${job.id}/gradients`).then((page) => setItems(page.items), () => undefined);
+  }, [job.id, job.status, wanted]);
+  const shown = items[chosen];
+  const drawn = useMemo(() => (shown?.layers ?? []).map(histogram), [shown]);
+  if (!shown) return null;
+  return (
+    <>
+      <label class="inline">Components of the gradient, by layer, at evaluation
+        <select value={String(chosen)} onChange={({ currentTarget: { value } }) => setChosen(Number(value))}>
+          {items.map(({ evaluation }, i) => <option value={String(i)}>{evaluation}</option>)}
+        </select>
+      </label>
+      <Chart curves={drawn} log={false} xLabel="Gradient" />
+    </>
   );
 }
