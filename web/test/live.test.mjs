@@ -2,17 +2,13 @@
 
 import assert from 'node:assert/strict';
 import { before, test } from 'node:test';
-import { browse, folder, open, sample, serve, submit } from './support.mjs';
+import { browse, folder, open, sample, serve, shared, submit } from './support.mjs';
 
-const after = [];
-const t = { after: (tidy) => after.push(tidy) };
+const t = shared();
 let browser;
 
 before(async () => {
   browser = await browse(t);
-});
-test.after(async () => {
-  for (const tidy of after.reverse()) await tidy();
 });
 
 test('a service that is killed is missed, and found again', async () => {

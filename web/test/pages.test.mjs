@@ -4,7 +4,7 @@
 import assert from 'node:assert/strict';
 import { join } from 'node:path';
 import { before, test } from 'node:test';
-import { browse, drop, ended, folder, open, root, sample, serve, submit, violations } from './support.mjs';
+import { browse, drop, ended, folder, open, root, sample, serve, shared, submit, violations } from './support.mjs';
 
 const PICTURES = process.env.PICTURES ? join(root, 'docs') : null;
 
@@ -13,8 +13,7 @@ const POINTS = PICTURES ? 3000 : 900;
 const points = `${POINTS.toLocaleString('en')} points`;
 const triangles = new RegExp(`[1-9][\\d,]* triangles, ${points}`);
 
-const after = [];
-const t = { after: (tidy) => after.push(tidy) };
+const t = shared();
 let origin;
 let browser;
 let clouds;
@@ -40,9 +39,6 @@ before(async () => {
   const long = { preset: 'fine', settings: { training: { max_evaluations: 1_000_000, patience: 0, snapshot_evaluations: [10] } }, labels: { file: 'knee.ply' } };
   jobs.push((await submit(origin, hand, long)).id);
   jobs.push((await submit(origin, hand, job('waits.ply', {}))).id);
-});
-test.after(async () => {
-  for (const tidy of after.reverse()) await tidy();
 });
 
 const settled = (page) => page.getByText('Loading…').first().waitFor({ state: 'hidden' });

@@ -6,6 +6,7 @@ import { existsSync, mkdtempSync, readFileSync, rmSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { tmpdir } from 'node:os';
 import { dirname, join } from 'node:path';
+import { after } from 'node:test';
 import { fileURLToPath } from 'node:url';
 import { chromium } from 'playwright-core';
 
@@ -15,6 +16,15 @@ const axe = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.mi
 
 /** Longest wait for anything, in milliseconds: a job of the fast preset on a slow machine. */
 const PATIENCE = 60_000;
+
+/** What a file of tests shares; it is tidied up, the last first, when all of them are over. */
+export function shared() {
+  const tidying = [];
+  after(async () => {
+    for (const tidy of tidying.reverse()) await tidy();
+  });
+  return { after: (tidy) => tidying.push(tidy) };
+}
 
 /** A folder that is gone when the test is over. */
 export function folder(t) {
