@@ -116,7 +116,7 @@ pub(super) async fn erase(
     }
 }
 
-async fn find(app: &AppState, id: &CloudId) -> Result<Cloud> {
+pub(super) async fn find(app: &AppState, id: &CloudId) -> Result<Cloud> {
     match app.store.cloud(id).await? {
         Some(cloud) => Ok(cloud),
         None => Err(absent(app, id).await),
@@ -152,6 +152,7 @@ fn represent(cloud: &Cloud) -> Value {
         "links": {
             "self": url,
             "content": format!("{url}/content"),
+            "points": format!("{url}/points"),
             "jobs": format!("/v1/jobs?cloud_id={}", cloud.id),
         },
     })

@@ -22,7 +22,7 @@ use super::error::{ApiError, Code, Result};
 use super::spool::MAX_EXPANSION;
 use super::state::{CHILDREN_KIB, PARSED_KIB};
 use super::upload::{Upload, blocking};
-use crate::reconstruction::cloud::{self, Format};
+use crate::reconstruction::cloud::{self, Format, PointCloud};
 
 /// Largest file, unpacked, that is read in this process. The allocator keeps what reading took, once for each
 /// of its arenas: with larger files, many uploads at once would leave hundreds of megabytes.
@@ -66,14 +66,38 @@ pub struct Summary {
 ///
 /// # Errors
 /// Everything of [`cloud::Error`].
-pub fn inspect(
+fn inspect(
     bytes: &[u8],
     hint: Option<Format>,
     limits: &cloud::Limits,
 ) -> std::result::Result<Summary, cloud::Error> {
+    let (cloud, source) = parse(bytes, hint, limits)?;
+    sum_up(&cloud, &source)
+}
+
+/// The points of a file, and what its reading found.
+///
+/// # Errors
+/// Everything of [`cloud::Error`].
+pub fn parse(
+    bytes: &[u8],
+    hint: Option<Format>,
+    limits: &cloud::Limits,
+) -> std::result::Result<(PointCloud, cloud::Source), cloud::Error> {
     let name = hint.map(|format| format!("cloud.{}", format.name()));
-    let (cloud, source) = cloud::read(bytes, name.as_deref(), limits)?;
-    cloud.validate()?;
+    let read = cloud::read(bytes, name.as_deref(), limits)?;
+    read.0.validate()?;
+    Ok(read)
+}
+
+/// What is kept of a cloud that was read.
+///
+/// # Errors
+/// [`cloud::Error::Empty`] for one without points.
+pub fn sum_up(
+    cloud: &PointCloud,
+    source: &cloud::Source,
+) -> std::result::Result<Summary, cloud::Error> {
     Ok(Summary {
         format: source.format,
         gzipped: source.gzipped,
@@ -131,8 +155,50 @@ pub fn limits(max_points: u64, max_bytes: u64) -> cloud::Limits {
 /// # Errors
 /// What is wrong with the cloud.
 pub(super) async fn read(app: &AppState, upload: &Upload) -> Result<Summary> {
-    let path = upload.spooled.file.path().to_owned();
-    let (bytes, limit) = (upload.spooled.bytes, app.config.body_limit_bytes());
+    let file = Stored {
+        path: upload.spooled.file.path().to_owned(),
+        bytes: upload.spooled.bytes,
+        hint: upload.hint,
+    };
+    match read_by(app, &file, &[], inspect).await? {
+        Reading::Here(summary) => Ok(summary),
+        Reading::InChild(said) => verdict(&said),
+    }
+}
+
+/// A file to be read.
+pub(super) struct Stored {
+    /// Where it is.
+    pub(super) path: PathBuf,
+    /// Its length.
+    pub(super) bytes: u64,
+    /// Its format, where its content leaves that open.
+    pub(super) hint: Option<Format>,
+}
+
+/// Who read a file, and what came of it.
+pub(super) enum Reading<T> {
+    /// This process, with what it made of it.
+    Here(T),
+    /// A child, with what that printed.
+    InChild(Vec<u8>),
+}
+
+/// Reads a file by `here` or, where that may take much memory, by a child with the further
+/// arguments.
+///
+/// # Errors
+/// Those of `here`, and those of a child that could not read it.
+pub(super) async fn read_by<T: Send + 'static>(
+    app: &AppState,
+    file: &Stored,
+    arguments: &[String],
+    here: impl FnOnce(&[u8], Option<Format>, &cloud::Limits) -> std::result::Result<T, cloud::Error>
+    + Send
+    + 'static,
+) -> Result<Reading<T>> {
+    let path = file.path.clone();
+    let (bytes, limit) = (file.bytes, app.config.body_limit_bytes());
     let room = take(&app.parsing, IN_PROCESS_BYTES, PARSED_KIB).await?;
     let size = blocking({
         let path = path.clone();
@@ -145,16 +211,28 @@ pub(super) async fn read(app: &AppState, upload: &Upload) -> Result<Summary> {
         Size::UpTo(unpacked) => {
             let _room = take(&app.children, unpacked, CHILDREN_KIB).await?;
             let memory = CHILD_BASE_BYTES + unpacked * MEMORY_PER_BYTE;
-            return read_in_child(app, &path, upload.hint, memory).await;
+            let said = read_in_child(app, file, arguments, memory).await?;
+            return Ok(Reading::InChild(said));
         }
     };
     let _room = take(&app.parsing, unpacked * MEMORY_PER_BYTE, PARSED_KIB).await?;
-    let (hint, limits) = (upload.hint, limits(app.config.max_points, limit));
-    let read = move || -> Result<Summary> {
+    let (hint, limits) = (file.hint, limits(app.config.max_points, limit));
+    let read = move || -> Result<Reading<T>> {
         let bytes = std::fs::read(&path).map_err(ApiError::internal)?;
-        Ok(inspect(&bytes, hint, &limits)?)
+        Ok(Reading::Here(here(&bytes, hint, &limits)?))
     };
     blocking(read).await?
+}
+
+/// What a child said of a file, if that is a cloud.
+///
+/// # Errors
+/// What is wrong with the cloud.
+pub(super) fn verdict(said: &[u8]) -> Result<Summary> {
+    match serde_json::from_slice(said).map_err(ApiError::internal)? {
+        Verdict::Cloud(summary) => Ok(summary),
+        Verdict::Refused { code, detail } => Err(ApiError::new(Code::from_name(&code), detail)),
+    }
 }
 
 /// Room for so many bytes, or all that there is.
@@ -216,21 +294,22 @@ impl Size {
 
 async fn read_in_child(
     app: &AppState,
-    path: &PathBuf,
-    hint: Option<Format>,
+    file: &Stored,
+    arguments: &[String],
     memory_bytes: u64,
-) -> Result<Summary> {
+) -> Result<Vec<u8>> {
     let mut command = Command::new(&app.program);
     command
         .arg("inspect")
-        .arg(path)
+        .arg(&file.path)
+        .args(arguments)
         .arg(format!("--max-points={}", app.config.max_points))
         .arg(format!("--max-bytes={}", app.config.body_limit_bytes()))
         .arg(format!("--memory-bytes={memory_bytes}"))
         .stdin(Stdio::null())
         .stderr(Stdio::null())
         .kill_on_drop(true);
-    if let Some(format) = hint {
+    if let Some(format) = file.hint {
         command.arg(format!("--hint={}", format.name()));
     }
     let output = tokio::time::timeout(CHILD_TIMEOUT, command.output())
@@ -247,10 +326,7 @@ async fn read_in_child(
         let detail = "the file needs more memory to be read than there is";
         return Err(ApiError::new(Code::TooManyPoints, detail));
     }
-    match serde_json::from_slice(&output.stdout).map_err(ApiError::internal)? {
-        Verdict::Cloud(summary) => Ok(summary),
-        Verdict::Refused { code, detail } => Err(ApiError::new(Code::from_name(&code), detail)),
-    }
+    Ok(output.stdout)
 }
 
 #[cfg(test)]

@@ -29,6 +29,7 @@ mod origin;
 pub mod own_files;
 mod page;
 mod places;
+pub mod points;
 mod results;
 mod server;
 mod spool;
@@ -39,6 +40,7 @@ mod time;
 mod training;
 mod upload;
 mod wait;
+mod web;
 
 use std::time::Duration;
 
@@ -69,13 +71,14 @@ pub use telemetry::Telemetry;
 const PREFLIGHT: Duration = Duration::from_mins(10);
 
 /// What such a page may read of the header of an answer.
-const EXPOSED: [&str; 10] = [
+const EXPOSED: [&str; 11] = [
     "content-disposition",
     "content-range",
     "etag",
     "idempotency-replayed",
     "link",
     "location",
+    "meshway-origin",
     "meshway-verdict",
     "preference-applied",
     "retry-after",
@@ -103,6 +106,7 @@ fn intake() -> Vec<Operation> {
         get("/v1/clouds/{id}", clouds::show),
         delete("/v1/clouds/{id}", clouds::erase),
         get("/v1/clouds/{id}/content", clouds::content),
+        get("/v1/clouds/{id}/points", points::subset),
         post("/v1/jobs", jobs::create),
         get("/v1/jobs", jobs::list),
         get("/v1/jobs/{id}", jobs::show),
@@ -134,7 +138,8 @@ fn results() -> Vec<Operation> {
         get("/metrics", system::metrics),
         get("/openapi.yaml", system::openapi),
         get("/docs", system::reference),
-        get("/", system::start),
+        get("/assets/{file}", web::asset),
+        get("/", web::start),
     ]
 }
 

@@ -218,13 +218,8 @@ pub(super) async fn reference() -> Response {
     page(docs::reference())
 }
 
-/// GET /
-pub(super) async fn start() -> Response {
-    page(docs::start())
-}
-
 /// Pages of ours load nothing from elsewhere and run nothing.
-fn page(html: &'static str) -> Response {
+pub(super) fn page(html: &'static str) -> Response {
     let policy = HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'");
     let name = HeaderName::from_static("content-security-policy");
     ([(name, policy)], Html(html)).into_response()

@@ -13,6 +13,9 @@ interface Question {
 
 const question = signal<Question | null>(null);
 
+// Who goes to another page does not want it.
+addEventListener('hashchange', () => question.value?.answer(false));
+
 /** Whether the user wants it. */
 export function confirm(asked: Omit<Question, 'answer'>): Promise<boolean> {
   return new Promise((resolve) => {
