@@ -112,7 +112,7 @@ fn unpacked_if_needed(
 
 fn set(response: &mut Response, headers: &[(HeaderName, &'static str)]) {
     for (name, value) in headers {
-        let value = HeaderValue::from_static(*value);
+        let value = HeaderValue::from_static(value);
         response.headers_mut().insert(name, value);
     }
 }
