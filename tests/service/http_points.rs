@@ -33,11 +33,12 @@ fn rows(answer: &Answer) -> Vec<([f64; 3], f32)> {
 #[tokio::test]
 async fn points_come_with_their_labels_and_keep_their_digits() {
     let service = Service::new().await;
-    let mut file = String::from("x,y,z,label\n");
     let points = sphere(100, 4_000_000.0);
-    for (i, [x, y, z]) in points.iter().enumerate() {
-        file += &format!("{x},{y},{z},{}\n", i32::from(i >= 60));
-    }
+    let rows_of_text = points.iter().enumerate().map(|(i, [x, y, z])| {
+        let label = i32::from(i >= 60);
+        format!("{x},{y},{z},{label}\n")
+    });
+    let file = String::from("x,y,z,label\n") + &rows_of_text.collect::<String>();
     let url = upload(&service, file.into_bytes()).await;
     let answer = service.get(&url).await.expect(200);
     expect_contract(&answer, "get", "/v1/clouds/{id}/points");
