@@ -80,6 +80,12 @@ test('a page that is loaded again in the middle goes on, and the job can be canc
   await page.getByRole('button', { name: 'Delete' }).click();
   await page.getByRole('dialog').getByRole('button', { name: 'Keep' }).click();
   await page.getByRole('button', { name: 'Delete' }).click();
+  await page.getByRole('dialog').waitFor();
+  // Who leaves with a question open does not want it.
+  await page.goto(`${origin}/#/system`);
+  await page.getByRole('dialog').waitFor({ state: 'hidden' });
+  await page.goBack();
+  await page.getByRole('button', { name: 'Delete' }).click();
   await page.getByRole('dialog').getByRole('button', { name: 'Delete' }).click();
   await page.getByRole('heading', { name: 'Jobs' }).waitFor();
   assert.equal((await fetch(`${origin}/v1/jobs/${id}`)).status, 410);
