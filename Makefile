@@ -1,5 +1,5 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup build install dist test demo contract check bench bench-engines bench-quality bench-service soak deny clean
+.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-service soak deny clean
 .DEFAULT_GOAL := help
 
 help:
@@ -8,6 +8,8 @@ help:
 	@echo "make build   the release binary, target/release/meshway"
 	@echo "make install PREFIX=/usr/local  the program, its libraries, man pages and completions"
 	@echo "make dist    a tarball of the same, which runs from any folder and for any user"
+	@echo "make web     the dashboard alone, which make build puts into the program"
+	@echo "make test-web  the dashboard in a browser; PICTURES=1 takes the pictures of docs/ anew"
 	@echo "make contract  requests made up from openapi.yaml against a served instance (Schemathesis), and a generated client"
 	@echo "make bench   benchmarks (criterion); tables are in docs/benchmarks.md"
 	@echo "make bench-engines  loss and gradient beside PyTorch and JAX, which it installs under target/"
@@ -21,7 +23,10 @@ help:
 setup:
 	@./scripts/setup.sh
 
-build: setup
+web:
+	@./scripts/web.sh
+
+build: setup web
 	cargo build --release --locked --bin meshway
 
 PREFIX ?= /usr/local
@@ -32,17 +37,20 @@ install:
 dist: build
 	@./scripts/dist.sh
 
-test: setup
+test: setup web
 	cargo test --locked
 
 demo: build
 	@./scripts/demo.sh
 
+test-web: build
+	@./scripts/test-web.sh
+
 contract: build
 	@./scripts/schemathesis.sh
 	@./scripts/client.sh
 
-check: setup
+check: setup web
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items
@@ -85,4 +93,4 @@ deny:
 	cargo deny --locked check licenses bans sources
 
 clean:
-	rm -rf target demo
+	rm -rf target demo web/node_modules web/dist/*

@@ -45,3 +45,6 @@ echo "cloud:   demo/uterus.ply"
 echo "mesh:    demo/uterus-mesh.ply   (open it with MeshLab, Blender, ParaView or 3D Slicer)"
 echo "report:  demo/report.json"
 echo "metrics: demo/metrics.csv"
+echo
+echo "look at it: $meshway serve --data-dir demo/data"
+echo "            http://localhost:8080/#/jobs/$job"

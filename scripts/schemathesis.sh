@@ -61,7 +61,7 @@ include-path-regex = "^/v1/jobs/[{]id[}]/(events|metrics|gradients|mesh|snapshot
 parameters = { "path.id" = "$job" }
 
 [[operations]]
-include-path-regex = "^/v1/clouds/[{]id[}]/content"
+include-path-regex = "^/v1/clouds/[{]id[}]/(content|points)"
 parameters = { "path.id" = "$cloud" }
 TOML
 # Event streams end with their job or the service: the one over all jobs is left to our own tests.

@@ -7,7 +7,7 @@ use rustix::process::{Resource, Rlimit, setrlimit};
 
 use super::Failure;
 use super::files::{Sink, read};
-use crate::intake::{Verdict, inspect, limits};
+use crate::intake::{Verdict, limits, parse, rows, sum_up};
 use crate::reconstruction::cloud::Format;
 
 /// Arguments of `meshway inspect`.
@@ -27,6 +27,9 @@ pub(super) struct Arguments {
     /// Most memory to take in bytes; the process ends where more is needed.
     #[arg(long)]
     memory_bytes: Option<u64>,
+    /// After the line, so many of its points as binary numbers, to look at.
+    #[arg(long, default_value_t = 0)]
+    points: usize,
 }
 
 /// Prints a [`Verdict`]; a refused file is no failure of the command.
@@ -46,9 +49,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .as_ref()
         .and_then(|ending| Format::from_extension(&format!("cloud.{ending}")));
     let limits = limits(arguments.max_points, arguments.max_bytes);
-    let verdict = Verdict::from(inspect(&bytes, hint, &limits));
+    let read = parse(&bytes, hint, &limits);
+    let read = read.and_then(|(cloud, source)| Ok((sum_up(&cloud, &source)?, cloud)));
+    let (verdict, rows) = match read {
+        Ok((summary, cloud)) => (Ok(summary), rows(&cloud, arguments.points)),
+        Err(error) => (Err(error), Vec::new()),
+    };
     Sink::new(Path::new("-"))?.write(|out| {
-        serde_json::to_writer(&mut *out, &verdict)?;
-        out.write_all(b"\n")
+        serde_json::to_writer(&mut *out, &Verdict::from(verdict))?;
+        out.write_all(b"\n")?;
+        out.write_all(&rows)
     })
 }

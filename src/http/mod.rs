@@ -43,13 +43,14 @@ pub use wire::error;
 const PREFLIGHT: Duration = Duration::from_mins(10);
 
 /// Response headers that such a page may read.
-const EXPOSED: [&str; 10] = [
+const EXPOSED: [&str; 11] = [
     "content-disposition",
     "content-range",
     "etag",
     "idempotency-replayed",
     "link",
     "location",
+    "meshway-origin",
     "meshway-verdict",
     "preference-applied",
     "retry-after",
@@ -77,6 +78,7 @@ fn intake() -> Vec<Operation> {
         get("/v1/clouds/{id}", clouds::show),
         delete("/v1/clouds/{id}", clouds::erase),
         get("/v1/clouds/{id}/content", clouds::content),
+        get("/v1/clouds/{id}/points", clouds::points::subset),
         post("/v1/jobs", jobs::create),
         get("/v1/jobs", jobs::list),
         get("/v1/jobs/{id}", jobs::show),
@@ -108,7 +110,8 @@ fn results() -> Vec<Operation> {
         get("/metrics", system::metrics),
         get("/openapi.yaml", system::openapi),
         get("/docs", system::reference),
-        get("/", system::start),
+        get("/assets/{file}", system::web::asset),
+        get("/", system::web::start),
     ]
 }
 

@@ -5,6 +5,7 @@
 //! memory, the service continues.
 
 mod size;
+mod subset;
 mod summary;
 
 use std::path::{Path, PathBuf};
@@ -15,9 +16,11 @@ use std::time::Duration;
 use tokio::process::Command;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use crate::reconstruction::cloud::{self, Format};
+use crate::reconstruction::cloud::{self, Format, PointCloud};
 use size::Size;
-pub use summary::{Notice, Summary, Verdict, inspect, limits};
+use subset::middle;
+pub use subset::{Subset, rows};
+pub use summary::{Notice, Summary, Verdict, limits, parse, sum_up};
 
 /// Most bytes that one received byte may become, of an encoded body and of a gzipped file in it.
 pub const MAX_EXPANSION: u64 = 100;
@@ -109,9 +112,57 @@ impl Reader {
         bytes: u64,
         hint: Option<Format>,
     ) -> Result<Summary, Error> {
+        let file = File { path, bytes, hint };
+        let sum_up = |cloud: &PointCloud, source: &cloud::Source| sum_up(cloud, source);
+        match self.read_by(file, &[], sum_up).await? {
+            Reading::Here(summary) => Ok(summary),
+            Reading::InChild(said) => verdict(&said),
+        }
+    }
+
+    /// At most `most` points of a file that was read before.
+    ///
+    /// # Errors
+    /// As for [`Self::read`].
+    pub async fn subset(
+        &self,
+        path: &Path,
+        bytes: u64,
+        hint: Option<Format>,
+        most: usize,
+    ) -> Result<Subset, Error> {
+        let file = File { path, bytes, hint };
+        let subset = move |cloud: &PointCloud, _: &cloud::Source| {
+            Ok(Subset {
+                origin: middle(cloud.bounds().as_ref()),
+                rows: rows(cloud, most),
+            })
+        };
+        let arguments = [format!("--points={most}")];
+        match self.read_by(file, &arguments, subset).await? {
+            Reading::Here(subset) => Ok(subset),
+            Reading::InChild(said) => {
+                let end = said.iter().position(|&byte| byte == b'\n');
+                let (line, rows) = said.split_at(end.map_or(said.len(), |end| end + 1));
+                Ok(Subset {
+                    origin: middle(Some(&verdict(line)?.bounds)),
+                    rows: rows.to_vec(),
+                })
+            }
+        }
+    }
+
+    /// Reads a file and makes something of it by `here` or, where reading may take much memory, by a child process
+    /// with these further arguments.
+    async fn read_by<T: Send + 'static>(
+        &self,
+        file: File<'_>,
+        arguments: &[String],
+        here: impl FnOnce(&PointCloud, &cloud::Source) -> Result<T, cloud::Error> + Send + 'static,
+    ) -> Result<Reading<T>, Error> {
         let room = take(&self.parsing, IN_PROCESS_BYTES, PARSED_KIB).await?;
         let size = blocking({
-            let (path, limit) = (path.to_owned(), self.max_bytes);
+            let (path, bytes, limit) = (file.path.to_owned(), file.bytes, self.max_bytes);
             move || Size::of(&path, bytes, limit).map_err(Error::failed)
         })
         .await?;
@@ -121,35 +172,40 @@ impl Reader {
             Size::UpTo(unpacked) => {
                 let _room = take(&self.children, unpacked, CHILDREN_KIB).await?;
                 let memory = CHILD_BASE_BYTES + unpacked * MEMORY_PER_BYTE;
-                return self.read_in_child(path, hint, memory).await;
+                let said = self.read_in_child(file, arguments, memory).await?;
+                return Ok(Reading::InChild(said));
             }
         };
         let _room = take(&self.parsing, unpacked * MEMORY_PER_BYTE, PARSED_KIB).await?;
-        let (path, limits) = (path.to_owned(), limits(self.max_points, self.max_bytes));
+        let (path, hint) = (file.path.to_owned(), file.hint);
+        let limits = limits(self.max_points, self.max_bytes);
         blocking(move || {
             let bytes = std::fs::read(&path).map_err(Error::failed)?;
-            Ok(inspect(&bytes, hint, &limits)?)
+            let (cloud, source) = parse(&bytes, hint, &limits)?;
+            Ok(Reading::Here(here(&cloud, &source)?))
         })
         .await
     }
 
+    /// What a child process prints of the file.
     async fn read_in_child(
         &self,
-        path: &Path,
-        hint: Option<Format>,
+        file: File<'_>,
+        arguments: &[String],
         memory_bytes: u64,
-    ) -> Result<Summary, Error> {
+    ) -> Result<Vec<u8>, Error> {
         let mut command = Command::new(&self.program);
         command
             .arg("inspect")
-            .arg(path)
+            .arg(file.path)
+            .args(arguments)
             .arg(format!("--max-points={}", self.max_points))
             .arg(format!("--max-bytes={}", self.max_bytes))
             .arg(format!("--memory-bytes={memory_bytes}"))
             .stdin(Stdio::null())
             .stderr(Stdio::null())
             .kill_on_drop(true);
-        if let Some(format) = hint {
+        if let Some(format) = file.hint {
             command.arg(format!("--hint={}", format.name()));
         }
         let output = tokio::time::timeout(CHILD_TIMEOUT, command.output())
@@ -161,10 +217,32 @@ impl Reader {
             tracing::warn!(child.status = %output.status, "a file could not be read for want of memory");
             return Err(Error::OutOfMemory);
         }
-        match serde_json::from_slice(&output.stdout).map_err(Error::failed)? {
-            Verdict::Cloud(summary) => Ok(summary),
-            Verdict::Refused { code, detail } => Err(Error::Refused { code, detail }),
-        }
+        Ok(output.stdout)
+    }
+}
+
+/// A file to be read.
+#[derive(Clone, Copy)]
+struct File<'a> {
+    path: &'a Path,
+    bytes: u64,
+    /// Its format, where its content leaves that open.
+    hint: Option<Format>,
+}
+
+/// Who read a file, and what came of it.
+enum Reading<T> {
+    /// This process, with what it made of the cloud.
+    Here(T),
+    /// A child process, with what it printed.
+    InChild(Vec<u8>),
+}
+
+/// What a child process said of a file.
+fn verdict(said: &[u8]) -> Result<Summary, Error> {
+    match serde_json::from_slice(said).map_err(Error::failed)? {
+        Verdict::Cloud(summary) => Ok(summary),
+        Verdict::Refused { code, detail } => Err(Error::Refused { code, detail }),
     }
 }
 

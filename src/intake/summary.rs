@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::MAX_EXPANSION;
 use crate::reconstruction::Warning;
-use crate::reconstruction::cloud::{self, Format};
+use crate::reconstruction::cloud::{self, Format, PointCloud};
 use crate::reconstruction::vector::Bounds;
 
 /// What the reading of a file found; kept with the cloud.
@@ -46,18 +46,26 @@ impl From<&Warning> for Notice {
     }
 }
 
-/// Reads and checks a file.
+/// The points of a file, checked, and what its reading found.
 ///
 /// # Errors
 /// Everything of [`cloud::Error`].
-pub fn inspect(
+pub fn parse(
     bytes: &[u8],
     hint: Option<Format>,
     limits: &cloud::Limits,
-) -> Result<Summary, cloud::Error> {
+) -> Result<(PointCloud, cloud::Source), cloud::Error> {
     let name = hint.map(|format| format!("cloud.{}", format.name()));
-    let (cloud, source) = cloud::read(bytes, name.as_deref(), limits)?;
-    cloud.validate()?;
+    let read = cloud::read(bytes, name.as_deref(), limits)?;
+    read.0.validate()?;
+    Ok(read)
+}
+
+/// What is kept of a cloud that was read.
+///
+/// # Errors
+/// [`cloud::Error::Empty`] for one without points.
+pub fn sum_up(cloud: &PointCloud, source: &cloud::Source) -> Result<Summary, cloud::Error> {
     Ok(Summary {
         format: source.format,
         gzipped: source.gzipped,

@@ -31,6 +31,7 @@ struct Links {
     #[serde(rename = "self")]
     own: String,
     content: String,
+    points: String,
     jobs: String,
 }
 
@@ -53,6 +54,7 @@ impl<'a> From<&'a jobs::Cloud> for Cloud<'a> {
             created_at: Time(cloud.created_at),
             links: Links {
                 content: format!("{own}/content"),
+                points: format!("{own}/points"),
                 jobs: format!("/v1/jobs?cloud_id={}", cloud.id),
                 own,
             },

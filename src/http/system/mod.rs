@@ -1,6 +1,7 @@
 //! Presets, limits, version, health, metrics and documents.
 
 pub(in crate::http) mod docs;
+pub(in crate::http) mod web;
 
 use std::time::Duration;
 
@@ -227,13 +228,8 @@ pub(in crate::http) async fn reference() -> Response {
     page(docs::reference())
 }
 
-/// GET /
-pub(in crate::http) async fn start() -> Response {
-    page(docs::start())
-}
-
 /// Our pages load nothing from elsewhere and run no scripts.
-fn page(html: &'static str) -> Response {
+pub(super) fn page(html: &'static str) -> Response {
     let policy = HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'");
     let name = HeaderName::from_static("content-security-policy");
     ([(name, policy)], Html(html)).into_response()

@@ -1,6 +1,7 @@
 //! Clouds: uploaded, listed, described, fetched, erased.
 
 pub(in crate::http) mod files;
+pub(in crate::http) mod points;
 
 use axum::Json;
 use axum::extract::{Request, State};
@@ -118,7 +119,7 @@ pub(in crate::http) async fn erase(
     }
 }
 
-async fn find(app: &AppState, id: &CloudId) -> Result<Cloud> {
+pub(super) async fn find(app: &AppState, id: &CloudId) -> Result<Cloud> {
     match app.store.cloud(id).await? {
         Some(cloud) => Ok(cloud),
         None => Err(absent(app, id).await),

@@ -1,0 +1,66 @@
+// Small parts that every page uses.
+
+import type { ComponentChildren } from 'preact';
+import { useState } from 'preact/hooks';
+import type { Row, Status, Verdict } from '../api/types';
+import { local } from '../format';
+import { STATUS, VERDICT } from '../words';
+
+const MARKS: Record<Status | Verdict, string> = {
+  queued: '◷', running: '▶', succeeded: '✓', failed: '✕', cancelled: '–', good: '✓', doubtful: '?', poor: '!',
+};
+
+/** A state in a word, a mark and a colour: never by colour alone. */
+export function Badge({ of }: { of: Status | Verdict }) {
+  const text = of in STATUS ? STATUS[of as Status] : VERDICT[of as Verdict];
+  return <span class={`badge ${of}`}><span aria-hidden="true">{MARKS[of]}</span> {text}</span>;
+}
+
+/** A local time; in UTC on hover. */
+export function Time({ at }: { at: string }) {
+  return <time dateTime={at} title={`${at.replace('T', ' ').slice(0, 19)} UTC`}>{local(at)}</time>;
+}
+
+export function Progress({ share, label }: { share: number; label: string }) {
+  return <progress max={1} value={share} aria-label={label} />;
+}
+
+/** What a job is called: by the file that it was made from, where that is known. */
+export function title(job: Pick<Row, 'id' | 'labels'>): string {
+  return job.labels['file'] ?? `Job ${short(job.id)}`;
+}
+
+/** The end of an id tells jobs apart, its beginning is the time. */
+export function short(id: string): string {
+  return id.slice(-8);
+}
+
+export function Trouble({ children }: { children: ComponentChildren }) {
+  return <p class="trouble" role="alert">{children}</p>;
+}
+
+export function Copy({ text, label }: { text: string; label: string }) {
+  const [copied, setCopied] = useState(false);
+  const copy = async () => {
+    await navigator.clipboard.writeText(text);
+    setCopied(true);
+    setTimeout(() => setCopied(false), 2000);
+  };
+  return (
+    <button type="button" class="small" aria-label={`Copy ${label}`} onClick={() => void copy()}>
+      <span role="status">{copied ? 'Copied' : 'Copy'}</span>
+    </button>
+  );
+}
+
+export function Panel({ title: heading, children, aside }: {
+  title: string; children: ComponentChildren; aside?: ComponentChildren;
+}) {
+  const id = `panel-${heading.toLowerCase().replace(/\W+/g, '-')}`;
+  return (
+    <section class="panel" aria-labelledby={id}>
+      <div class="panel-head"><h2 id={id}>{heading}</h2>{aside}</div>
+      {children}
+    </section>
+  );
+}

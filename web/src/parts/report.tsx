@@ -1,0 +1,68 @@
+// The report in words.
+
+import { sentence } from '../api/client';
+import type { Job, Report } from '../api/types';
+import { duration, many, number } from '../format';
+import { VERDICT_MEANS } from '../words';
+import { Badge, Panel } from './basic';
+
+/** What the mesh is. */
+function shape({ mesh, surface }: Report): string[] {
+  if (!mesh) return [];
+  const said = [];
+  const pieces = mesh.components === 1 ? 'in one piece' : `in ${many(mesh.components ?? 0, 'piece')}`;
+  said.push(mesh.closed
+    ? `The mesh is closed, ${pieces}${mesh.genus ? `, with ${many(mesh.genus, 'handle')}` : ''}.`
+    : `The mesh is open: it ends at ${many(mesh.boundary_edges ?? 0, 'edge')}, ${pieces}.`);
+  if (mesh.manifold === false) said.push('It is not manifold everywhere.');
+  const filled = surface?.unsupported_area_percent ?? 0;
+  const near = number(surface?.support_distance);
+  said.push(filled >= 0.05
+    ? `${number(filled)} % of its area is further than ${near} from every point: filled in, not measured.`
+    : `All of its area is within ${near} of a point.`);
+  const cut = surface?.trimmed_area_percent ?? 0;
+  if (cut > 0) said.push(`${number(cut)} % of the closed surface was cut away, because no points are near.`);
+  return said;
+}
+
+/** How it lies to the points. */
+function fit({ distances, validation_distances: held, cloud, normals }: Report): string[] {
+  const said = [];
+  if (distances?.cloud_to_mesh) {
+    const { mean, p95 } = distances.cloud_to_mesh;
+    said.push(`Points are ${number(mean)} from the mesh on average, 95 of 100 are within ${number(p95)}.`);
+  }
+  if (held?.cloud_to_mesh) said.push(`Those that were held back as a test: ${number(held.cloud_to_mesh.mean)} on average.`);
+  if (cloud?.spacing) {
+    said.push(`Neighbouring points are ${number(cloud.spacing)} apart${cloud.noise ? `, with a noise of ${number(cloud.noise)}` : ''}.`);
+  }
+  if (normals) said.push(normals === 'given' ? 'The normals of the file were used.' : 'Normals were estimated from the points.');
+  const sure = cloud?.orientation_confidence;
+  if (sure !== null && sure !== undefined) {
+    const degree = sure > 0.95 ? 'It is sure' : sure > 0.8 ? 'It is fairly sure' : 'It is not sure';
+    said.push(`${degree} which side is inside (${number(100 * sure)} %).`);
+  }
+  return said;
+}
+
+export function ReportPanel({ job, report }: { job: Job; report: Report | null }) {
+  const { verdict, mesh } = job;
+  return (
+    <Panel title="Result" aside={verdict && <Badge of={verdict} />}>
+      {verdict && <p><strong>{VERDICT_MEANS[verdict]}</strong></p>}
+      {job.verdict_reasons && job.verdict_reasons.length > 0 && (
+        <ul>{job.verdict_reasons.map(({ message }) => <li>{sentence(message)}</li>)}</ul>
+      )}
+      {mesh && (
+        <dl class="numbers">
+          <div><dt>Triangles</dt><dd>{mesh.triangles.toLocaleString('en')}</dd></div>
+          <div><dt>Volume</dt><dd>{number(mesh.volume)}</dd></div>
+          <div><dt>Area</dt><dd>{number(report?.mesh?.area)}</dd></div>
+          <div><dt>Time</dt><dd>{report?.seconds?.total === undefined ? '–' : duration(report.seconds.total)}</dd></div>
+        </dl>
+      )}
+      {report && <ul class="plain-list">{[...shape(report), ...fit(report)].map((line) => <li>{line}</li>)}</ul>}
+      <p class="help">Lengths are in the unit of the cloud. <a href={`/v1/jobs/${job.id}/report`}>The whole report</a></p>
+    </Panel>
+  );
+}
