@@ -3,6 +3,11 @@
 mod disk;
 pub mod names;
 
+use std::fs::DirBuilder;
+use std::io;
+use std::os::unix::fs::DirBuilderExt;
+use std::path::Path;
+
 pub use disk::{Disk, Shortage, Space};
 
 /// Folder of the uploaded bytes, by their SHA-256.
@@ -11,3 +16,20 @@ pub const CLOUDS: &str = "clouds";
 pub const UPLOADS: &str = "tmp";
 /// Folder of encoded meshes.
 pub const CACHE: &str = "cache";
+
+/// Makes a file in a folder of the data folder, and the folder again where somebody has removed it;
+/// not the data folder itself, without which nothing can be kept.
+///
+/// # Errors
+/// Those of making it.
+pub fn in_folder<T>(folder: &Path, make: impl Fn() -> io::Result<T>) -> io::Result<T> {
+    match make() {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            match DirBuilder::new().mode(0o700).create(folder) {
+                Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
+                _ => make(),
+            }
+        }
+        made => made,
+    }
+}

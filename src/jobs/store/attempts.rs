@@ -43,6 +43,7 @@ impl Store {
                     "vertices": mesh.vertices,
                     "triangles": mesh.triangles,
                     "bytes": mesh.data.len(),
+                    "verdict": mesh.verdict,
                 });
                 tx.append_event(&id, "job.snapshot", &data).await
             })

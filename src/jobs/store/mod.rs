@@ -42,6 +42,7 @@ use sqlx::sqlite::{
 use sqlx::{ConnectOptions, SqlSafeStr, SqliteConnection};
 use tokio::sync::{Mutex, watch};
 
+pub use ballast::BALLAST_FILE;
 pub use checkpoints::Checkpoint;
 pub use events::Event;
 pub use idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};
@@ -264,7 +265,7 @@ fn writing(connect: &SqliteConnectOptions) -> SqliteConnectOptions {
 /// Names and texts of the migrations, in their order.
 type Migrations = [(&'static str, &'static str)];
 
-const MIGRATIONS: [(&str, &str); 7] = [
+const MIGRATIONS: [(&str, &str); 8] = [
     ("init", include_str!("../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -286,6 +287,10 @@ const MIGRATIONS: [(&str, &str); 7] = [
     (
         "objects",
         include_str!("../../../migrations/0007_objects.sql"),
+    ),
+    (
+        "verdicts_of_snapshots",
+        include_str!("../../../migrations/0008_verdicts_of_snapshots.sql"),
     ),
 ];
 

@@ -10,9 +10,10 @@ use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::process::{ChildStdin, ChildStdout, Command};
 use tokio::time::MissedTickBehavior;
 
-use super::{Living, Options, Supervisor, memory};
+use super::{Living, Options, Supervisor};
 use crate::jobs::FailureReason;
 use crate::jobs::worker::{SIGN_OF_LIFE, worker_name};
+use crate::process::resident_bytes;
 
 /// Time between two looks at the memory: what a worker can take in it, it may overrun its limit by.
 const MEMORY_LOOK: Duration = Duration::from_millis(250);
@@ -113,7 +114,7 @@ impl Child {
 
     fn check_memory(&mut self, limit: Option<u64>) -> Option<FailureReason> {
         let limit_bytes = limit?;
-        let resident = memory::resident_bytes(self.process.id()?)?;
+        let resident = resident_bytes(self.process.id()?)?;
         if resident <= limit_bytes {
             return None;
         }

@@ -12,7 +12,6 @@
 //! renewals, and the time of day jumps when a machine wakes.
 
 mod child;
-mod memory;
 mod pulse;
 mod sweep;
 

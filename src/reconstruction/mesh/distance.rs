@@ -116,14 +116,14 @@ impl SurfaceTree {
 }
 
 /// Most triangles that are indexed at a time where only the closest points are asked for: 130 MB of tree.
-const PART: usize = 1 << 19;
+pub const TRIANGLES_INDEXED: usize = 1 << 19;
 
 /// The closest point of `mesh` to each of `points`, in their order, on all threads; `None` where no triangle has an
 /// area.
 ///
 /// A large mesh is indexed part by part, so that the memory beside the answer is bounded.
 pub fn closest_to_each(mesh: &TriangleMesh, points: &[Vec3]) -> Option<Vec<Closest>> {
-    closest_by_parts(mesh, points, PART)
+    closest_by_parts(mesh, points, TRIANGLES_INDEXED)
 }
 
 fn closest_by_parts(mesh: &TriangleMesh, points: &[Vec3], part: usize) -> Option<Vec<Closest>> {

@@ -13,7 +13,8 @@ pub mod write;
 use super::vector::Vec3;
 
 pub use distance::{
-    Closest, Distances, PointTree, SurfacePoint, SurfaceTree, closest_to_each, sample_surface,
+    Closest, Distances, PointTree, SurfacePoint, SurfaceTree, TRIANGLES_INDEXED, closest_to_each,
+    sample_surface,
 };
 pub use simplify::{Limits, Simplified, simplify};
 pub use topology::{Topology, components};

@@ -136,3 +136,25 @@ fn a_finer_grid_takes_more() {
     assert!(fine.grid_bytes >= 4 * coarse.grid_bytes);
     assert!(fine.seconds > coarse.seconds && fine.memory_bytes > coarse.memory_bytes);
 }
+
+#[test]
+fn memory_is_within_a_third_of_what_runs_took() {
+    let mut settings = Preset::Fast.settings();
+    settings.surface.steps_per_spacing = 0.0;
+    settings.training.max_evaluations = 60;
+    // 300 points of a sphere, two threads: grid, and MB at most.
+    for (evaluation, resolution, measured) in [
+        (Evaluation::Sparse, 128, 163.0),
+        (Evaluation::Sparse, 256, 305.0),
+        (Evaluation::Sparse, 512, 483.0),
+        (Evaluation::Sparse, 768, 603.0),
+        (Evaluation::Sparse, 1_024, 952.0),
+        (Evaluation::Dense, 512, 393.0),
+    ] {
+        settings.surface.evaluation = evaluation;
+        settings.surface.resolution = resolution;
+        let estimated = cost(&settings, 300, 2).memory_bytes as f64 / f64::from(1 << 20);
+        let ratio = estimated / measured;
+        assert!((1.0 / 1.3..1.3).contains(&ratio), "{resolution}: {ratio}");
+    }
+}
