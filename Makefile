@@ -8,7 +8,7 @@ help:
 	@echo "make build   the release binary, target/release/meshway"
 	@echo "make install PREFIX=/usr/local  the program, its libraries, man pages and completions"
 	@echo "make dist    a tarball of the same, which runs from any folder and for any user"
-	@echo "make contract  requests made up from openapi.yaml against a served instance (Schemathesis), and a generated client"
+	@echo "make contract  requests made up from openapi.yaml against a served instance (Schemathesis), linters, generated clients"
 	@echo "make bench   benchmarks (criterion); tables are in docs/benchmarks.md"
 	@echo "make bench-engines  loss and gradient beside PyTorch and JAX, which it installs under target/"
 	@echo "make bench-quality BENCH=FOLDER  clouds with true surfaces, beside what other tools reached;"
@@ -41,6 +41,7 @@ demo: build
 contract: build
 	@./scripts/schemathesis.sh
 	@./scripts/client.sh
+	@./scripts/typescript.sh
 
 check: setup
 	cargo fmt --check
