@@ -17,6 +17,7 @@ use sqlx::{ConnectOptions, SqliteConnection};
 use tempfile::TempDir;
 
 use crate::http::support::sphere_xyz;
+use crate::wire::Connection;
 
 /// How long anything may take on a busy machine before a test gives up.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(4);
@@ -235,6 +236,16 @@ impl Drop for Server {
         drop(self.child.kill());
         drop(self.child.wait());
     }
+}
+
+/// A job as JSON once it has ended: on a busy machine a wait for it may be too short.
+pub(crate) async fn job_ended(client: &mut Connection, job: &Value) -> Value {
+    let path = format!("GET {}", job["links"]["self"].as_str().unwrap());
+    until("the job ends", PATIENCE, async || {
+        let job = client.ask(&path, "", &[]).await.unwrap().json();
+        job["finished_at"].is_string().then_some(job)
+    })
+    .await
 }
 
 /// Looks again and again until there is something.

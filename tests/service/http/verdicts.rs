@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::http::contract::{expect_contract, expect_named};
 use crate::http::support::{Service, json_request, sphere_xyz, tetrahedron};
-use crate::server::{Folder, PATIENCE, until};
+use crate::server::{Folder, PATIENCE, job_ended, until};
 use crate::wire::Connection;
 
 const MEMBERS: [&str; 4] = ["verdict", "verdict_reasons", "warnings", "mesh"];
@@ -250,9 +250,9 @@ async fn a_served_job_shows_the_warnings_of_its_file_and_of_its_run() {
         .map(str::to_owned)
         .collect();
     let body = [upper[0].clone(), upper.join("\n")].join("\n");
-    let (body, wait) = ([body.as_bytes()], "Prefer: wait=60\r\n");
-    let answer = client.ask("POST /v1/jobs?preset=fast", wait, &body).await;
-    let job = answer.unwrap().json();
+    let body = [body.as_bytes()];
+    let answer = client.ask("POST /v1/jobs?preset=fast", "", &body).await;
+    let job = job_ended(&mut client, &answer.unwrap().json()).await;
     assert_eq!(job["status"], "succeeded", "{job}");
     expect_named("Job", &job);
     let link = job["links"]["report"].as_str().unwrap();

@@ -94,7 +94,8 @@ async fn jobs_are_claimed_in_their_order() {
         Some(2)
     );
     let positions = bench.store.queue_positions().await.unwrap();
-    assert_eq!(positions, HashMap::from([(second.id.clone(), 1)]));
+    let expected = [(first.id.clone(), 1), (second.id.clone(), 2)];
+    assert_eq!(positions, HashMap::from(expected));
     assert_eq!(
         bench.store.oldest_queued().await.unwrap(),
         Some(first.created_at)
