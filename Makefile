@@ -10,7 +10,7 @@ help:
 	@echo "make dist    a tarball of the same, which runs from any folder and for any user"
 	@echo "make web     the dashboard alone, which make build puts into the program"
 	@echo "make test-web  the dashboard in a browser; PICTURES=1 takes the pictures of docs/ anew"
-	@echo "make contract  requests made up from openapi.yaml against a served instance (Schemathesis), and a generated client"
+	@echo "make contract  requests made up from openapi.yaml against a served instance (Schemathesis), linters, generated clients"
 	@echo "make bench   benchmarks (criterion); tables are in docs/benchmarks.md"
 	@echo "make bench-engines  loss and gradient beside PyTorch and JAX, which it installs under target/"
 	@echo "make bench-quality BENCH=FOLDER  clouds with true surfaces, beside what other tools reached;"
@@ -49,6 +49,7 @@ test-web: build
 contract: build
 	@./scripts/schemathesis.sh
 	@./scripts/client.sh
+	@./scripts/typescript.sh
 
 check: setup web
 	cargo fmt --check

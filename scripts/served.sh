@@ -1,11 +1,14 @@
 # Serves an instance for a check, to be sourced: `$program` in a folder of its own, `$work`, with its log
 # in `$work/log`, until the script ends. Sets `$address`. Needs `$root` and a function `fail`. Before that
-# it installs what checks, `$package` of PyPI in its `$version`, into `$tools`, a folder under target/.
+# it installs what checks, `$package` of PyPI in its `$version`, into `$tools`, a folder under target/; where
+# that is set.
 [ -x "$program" ] || fail "$program is missing; make build, or set MESHWAY"
-tools=$root/target/$package-$version
-if [ ! -x "$tools/bin/$package" ]; then
-  python3 -m venv "$tools" || fail "no Python environment (Debian: apt-get install python3-venv)"
-  "$tools/bin/pip" install --quiet --disable-pip-version-check "$package==$version"
+if [ -n "${package:-}" ]; then
+  tools=$root/target/$package-$version
+  if [ ! -x "$tools/bin/$package" ]; then
+    python3 -m venv "$tools" || fail "no Python environment (Debian: apt-get install python3-venv)"
+    "$tools/bin/pip" install --quiet --disable-pip-version-check "$package==$version"
+  fi
 fi
 
 work=$(mktemp -d)

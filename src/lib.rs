@@ -22,3 +22,4 @@ pub mod jobs;
 pub mod reconstruction;
 
 mod nearest;
+mod process;

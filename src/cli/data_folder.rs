@@ -6,10 +6,13 @@
 //! of ours.
 
 use std::collections::BTreeSet;
-use std::fs::{self, DirEntry, File, TryLockError};
+use std::fs::{self, DirEntry, File, Permissions, TryLockError};
 use std::io::{self, ErrorKind};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::Path;
+
+use rustix::fs::Mode;
+use rustix::process::umask;
 
 use super::Failure;
 use crate::folder::{self, CACHE, CLOUDS, UPLOADS, names as own_files};
@@ -62,6 +65,7 @@ impl<'a> DataFolder<'a> {
             }
             Err(TryLockError::Error(error)) => return Err(failed(error)),
         }
+        close_to_others(path).map_err(failed)?;
         folder::make_places(path).map_err(failed)?;
         Ok(Self { path, _lock: lock })
     }
@@ -108,6 +112,28 @@ impl<'a> DataFolder<'a> {
         });
         removed.map_err(|error| Failure::output(&folder, &error))
     }
+}
+
+/// Makes what is ours in the folder, and what this process and its children make from now on, a matter
+/// of the user of the service only: the folder itself may be anybody's to read.
+fn close_to_others(path: &Path) -> io::Result<()> {
+    umask(Mode::RWXG | Mode::RWXO);
+    let ours = [
+        LOCK,
+        MARK,
+        store::DATABASE_FILE,
+        store::CONTENT_FILE,
+        store::BALLAST_FILE,
+    ];
+    for name in names(path)? {
+        // The logs of a database bear its name with an ending.
+        if ours.iter().any(|own| name.starts_with(own))
+            && let Err(error) = fs::set_permissions(path.join(&name), Permissions::from_mode(0o600))
+        {
+            tracing::warn!(file = name, error.message = %error, "others may read a file of the service");
+        }
+    }
+    Ok(())
 }
 
 /// Refuses a folder that holds things and neither our mark nor, as folders of the first version,

@@ -1,12 +1,14 @@
 //! `meshway inspect`: reads one uploaded file for the service, in a process of its own.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use rustix::process::{Resource, Rlimit, setrlimit};
+use rustix::process::{Resource, Rlimit, nice, setrlimit};
 
 use super::Failure;
 use super::files::{Sink, read};
+use super::worker::NICENESS;
 use crate::intake::{Verdict, limits, parse, rows, sum_up};
 use crate::reconstruction::cloud::Format;
 
@@ -30,6 +32,9 @@ pub(super) struct Arguments {
     /// After the line, so many of its points as binary numbers, to look at.
     #[arg(long, default_value_t = 0)]
     points: usize,
+    /// End when standard input does: whoever started this is gone then.
+    #[arg(long, hide = true)]
+    until_input_ends: bool,
 }
 
 /// Prints a [`Verdict`]; a refused file is no failure of the command.
@@ -42,6 +47,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         };
         setrlimit(Resource::Data, limit)
             .map_err(|error| Failure::Output(format!("--memory-bytes {bytes}: {error}")))?;
+    }
+    if arguments.until_input_ends {
+        // As workers do; that it cannot is no reason to refuse a cloud.
+        let _ = nice(NICENESS);
+        std::thread::Builder::new()
+            .name("input".to_owned())
+            .spawn(|| {
+                drop(io::copy(&mut io::stdin().lock(), &mut io::sink()));
+                std::process::exit(1);
+            })
+            .map_err(|error| Failure::Output(format!("no thread: {error}")))?;
     }
     let bytes = read(&arguments.file)?;
     let hint = arguments

@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::io::{IsTerminal, Write};
 use std::time::Instant;
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::training::{GradientHistogram, Metrics};
@@ -31,13 +31,8 @@ pub(super) struct Progress {
 
 impl Progress {
     pub(super) fn new(quiet: bool) -> Self {
-        let bar = (!quiet && std::io::stderr().is_terminal()).then(|| {
-            let bar = ProgressBar::new(STEPS);
-            if let Ok(style) = ProgressStyle::with_template("{prefix:>9} {bar:16} {wide_msg}") {
-                bar.set_style(style);
-            }
-            bar
-        });
+        let terminal = !quiet && std::io::stderr().is_terminal();
+        let bar = terminal.then(|| bar(ProgressDrawTarget::stderr()));
         Self {
             start: Instant::now(),
             bar,
@@ -129,6 +124,15 @@ impl Progress {
     }
 }
 
+/// A bar in one line, however narrow the terminal: the message is cut, not wrapped.
+fn bar(target: ProgressDrawTarget) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(STEPS), target);
+    if let Ok(style) = ProgressStyle::with_template("{prefix:>9} {bar:16} {wide_msg}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
 fn name(phase: Phase) -> &'static str {
     match phase {
         Phase::Sampling => "sampling",
@@ -145,7 +149,9 @@ impl Observer for Progress {
             Event::Progress(fraction) => self.advance(fraction),
             Event::Metrics(metrics) => self.metrics.borrow_mut().push(metrics.clone()),
             Event::Gradients(histogram) => self.gradients.borrow_mut().push(histogram.clone()),
-            Event::Snapshot { evaluation, mesh } => {
+            Event::Snapshot {
+                evaluation, mesh, ..
+            } => {
                 self.snapshots.borrow_mut().push((evaluation, mesh.clone()));
             }
             Event::Warning(warning) => self.say(&format!("warning: {}", warning.message)),
@@ -156,5 +162,85 @@ impl Observer for Progress {
 
     fn seconds(&self) -> f64 {
         self.start.elapsed().as_secs_f64()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+    use std::sync::{Arc, Mutex};
+
+    use indicatif::TermLike;
+
+    use super::*;
+
+    /// A terminal of so many columns, and what was written to it.
+    #[derive(Debug, Clone)]
+    struct Terminal {
+        columns: u16,
+        written: Arc<Mutex<Vec<String>>>,
+    }
+
+    impl TermLike for Terminal {
+        fn width(&self) -> u16 {
+            self.columns
+        }
+
+        fn move_cursor_up(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn move_cursor_down(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn move_cursor_right(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn move_cursor_left(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn write_line(&self, text: &str) -> io::Result<()> {
+            self.write_str(text)
+        }
+
+        fn write_str(&self, text: &str) -> io::Result<()> {
+            self.written.lock().unwrap().push(text.to_owned());
+            Ok(())
+        }
+
+        fn clear_line(&self) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn flush(&self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn the_bar_is_one_line_on_a_narrow_terminal() {
+        for columns in [50, 100] {
+            let terminal = Terminal {
+                columns,
+                written: Arc::default(),
+            };
+            let bar = bar(ProgressDrawTarget::term_like(Box::new(terminal.clone())));
+            bar.set_prefix(name(Phase::Training));
+            bar.set_message("loss 1.234e-5 at evaluation 1200, about 3600 s left");
+            bar.set_position(STEPS / 2);
+            bar.tick();
+            let written = terminal.written.lock().unwrap();
+            let lines: Vec<&str> = written.iter().map(|line| line.trim_end()).collect();
+            let drawn = lines.iter().find(|line| line.contains("training"));
+            let drawn = drawn.expect("the bar is drawn");
+            assert!(drawn.contains('█'), "{columns}: {drawn}");
+            assert!(drawn.contains("loss 1.234e-5"), "{columns}: {drawn}");
+            for line in &lines {
+                assert!(line.chars().count() <= usize::from(columns), "{line}");
+            }
+        }
     }
 }

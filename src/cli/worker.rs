@@ -21,7 +21,7 @@ use crate::jobs::{JobId, Store, Worker, store};
 use crate::reconstruction::set_threads;
 
 /// Below the server, which is to answer while all cores compute.
-const NICENESS: i32 = 5;
+pub(super) const NICENESS: i32 = 5;
 
 /// Time between two signs of life.
 const BEAT: Duration = Duration::from_secs(1);

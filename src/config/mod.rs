@@ -50,6 +50,11 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_ALLOWED_ORIGINS", default_value = "")]
     pub allowed_origins: String,
 
+    /// Path below which a proxy offers the service, as in `/meshway`: the addresses in its answers
+    /// begin with it, and requests are taken with it and without.
+    #[arg(long, env = "MESHWAY_BASE_PATH", default_value = "", value_parser = base_path)]
+    pub base_path: String,
+
     /// Worker processes.
     #[arg(long, env = "MESHWAY_WORKERS", default_value_t = 1,
           value_parser = clap::value_parser!(u16).range(1..=256))]
@@ -154,6 +159,19 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
     first.ok_or_else(|| format!("{host} has no address"))
 }
 
+/// A path without the slash at its end; that of the root is empty.
+fn base_path(text: &str) -> Result<String, String> {
+    let path = text.trim_end_matches('/');
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-._~".contains(c);
+    let mut parts = path.split('/').skip(1);
+    let named = parts.all(|part| part.chars().all(plain) && !["", ".", ".."].contains(&part));
+    if path.is_empty() || (path.starts_with('/') && named) {
+        Ok(path.to_owned())
+    } else {
+        Err("must be a path of letters, digits, - . _ ~, as in /meshway".to_owned())
+    }
+}
+
 /// Format of the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
@@ -174,6 +192,20 @@ impl Config {
     pub fn origins(&self) -> impl Iterator<Item = &str> {
         let origins = self.allowed_origins.split(',').map(str::trim);
         origins.filter(|origin| !origin.is_empty())
+    }
+
+    /// The address of a path of ours, as clients see it.
+    pub fn address(&self, path: impl std::fmt::Display) -> String {
+        format!("{}{path}", self.base_path)
+    }
+
+    /// The path of ours that a client means, which may have the base path before it.
+    pub fn below_base<'p>(&self, path: &'p str) -> &'p str {
+        match path.strip_prefix(&self.base_path) {
+            Some("") => "/",
+            Some(below) if below.starts_with('/') => below,
+            _ => path,
+        }
     }
 
     /// Most open event streams of one client.
@@ -287,6 +319,26 @@ mod tests {
         }
         for wrong in ["8080", ":8080", "localhost", "localhost:http"] {
             assert!(address(wrong).unwrap_err().contains("HOST:PORT"), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_base_path_may_be_there_or_not() {
+        let config = parse("base_path = '/a/b/'", &[]);
+        assert_eq!(config.address("/v1/jobs"), "/a/b/v1/jobs");
+        for (path, expected) in [
+            ("/a/b/v1/jobs", "/v1/jobs"),
+            ("/v1/jobs", "/v1/jobs"),
+            ("/a/b", "/"),
+            ("/a/bc", "/a/bc"),
+        ] {
+            assert_eq!(config.below_base(path), expected);
+        }
+        let without = parse("", &["--base-path=/"]);
+        assert_eq!(without.address("/v1/jobs"), "/v1/jobs");
+        assert_eq!(without.below_base("/v1/jobs"), "/v1/jobs");
+        for wrong in ["a", "/a//b", "/a/../b", "/a b", "http://a/b"] {
+            assert!(base_path(wrong).is_err(), "{wrong}");
         }
     }
 

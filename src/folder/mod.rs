@@ -34,3 +34,20 @@ pub fn make_places(path: &Path) -> io::Result<()> {
     let places = [CLOUDS, UPLOADS, CACHE];
     places.iter().try_for_each(|place| make(&path.join(place)))
 }
+
+/// Makes a file in a folder of the data folder, and the folder again where somebody has removed it;
+/// not the data folder itself, without which nothing can be kept.
+///
+/// # Errors
+/// Those of making it.
+pub fn in_folder<T>(folder: &Path, make: impl Fn() -> io::Result<T>) -> io::Result<T> {
+    match make() {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            match DirBuilder::new().mode(0o700).create(folder) {
+                Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
+                _ => make(),
+            }
+        }
+        made => made,
+    }
+}

@@ -25,7 +25,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, MethodRouter, on};
 
 use crate::config::Config;
-use door::{observe, origin};
+use door::{base, observe, origin, tags};
 use resources::{clouds, events, field, jobs, meshes, series};
 use tower::util::option_layer;
 use tower_http::compression::CompressionLayer;
@@ -123,13 +123,21 @@ pub fn operations() -> Vec<(String, &'static str)> {
 
 /// The API over a state, ready to be served or called by a test.
 pub fn router(state: AppState) -> Router {
-    let cors = option_layer(cors(&state.config));
+    let config = state.config.clone();
+    let cors = option_layer(cors(&config));
     let compression = CompressionLayer::new().compress_when(text());
-    handlers(state.clone())
+    let router = handlers(state.clone())
+        .layer(middleware::from_fn_with_state(
+            state.clone(),
+            base::addresses,
+        ))
+        .layer(middleware::from_fn(tags::tag))
         .layer(compression)
+        .layer(middleware::map_response(tags::weaken))
         .layer(middleware::from_fn_with_state(state.clone(), origin::guard))
         .layer(cors)
-        .layer(middleware::from_fn_with_state(state, observe::observe))
+        .layer(middleware::from_fn_with_state(state, observe::observe));
+    base::mounted(&config, router)
 }
 
 /// CORS headers for the origins that the operator allows. Without any, there are no such headers.

@@ -10,8 +10,8 @@ use crate::config::Config;
 use crate::folder::{CACHE, Disk};
 use crate::http::resources::events::feed::Feed;
 use crate::http::resources::meshes::cache::MeshCache;
-use crate::http::telemetry::Telemetry;
 use crate::http::telemetry::gauges::Gauges;
+use crate::http::telemetry::{Telemetry, own};
 use crate::http::upload::bodies::Bodies;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::intake::Reader;
@@ -69,7 +69,7 @@ impl App {
         let gauges = {
             let registry = telemetry.registry.lock();
             let mut registry = registry.unwrap_or_else(PoisonError::into_inner);
-            Arc::new(Gauges::new(&mut registry))
+            Arc::new(Gauges::new(own(&mut registry)))
         };
         let feed = Feed::start(
             store.clone(),

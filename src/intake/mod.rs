@@ -202,13 +202,18 @@ impl Reader {
             .arg(format!("--max-points={}", self.max_points))
             .arg(format!("--max-bytes={}", self.max_bytes))
             .arg(format!("--memory-bytes={memory_bytes}"))
-            .stdin(Stdio::null())
+            .arg("--until-input-ends")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .kill_on_drop(true);
         if let Some(format) = file.hint {
             command.arg(format!("--hint={}", format.name()));
         }
-        let output = tokio::time::timeout(CHILD_TIMEOUT, command.output())
+        let mut child = command.spawn().map_err(Error::failed)?;
+        // Ends with this process, however that is ended.
+        let _input = child.stdin.take();
+        let output = tokio::time::timeout(CHILD_TIMEOUT, child.wait_with_output())
             .await
             .map_err(|_| Error::TooSlow)?
             .map_err(Error::failed)?;

@@ -11,6 +11,7 @@ use sha2::{Digest, Sha256};
 use super::event::NewEvent;
 use super::{Job, JobId};
 use crate::reconstruction::Phase;
+use crate::reconstruction::report::Verdict;
 use crate::reconstruction::training::{GradientHistogram, Metrics};
 
 /// The right to write about a job, until the lease ends or the job does.
@@ -72,6 +73,7 @@ pub struct NewMesh {
     pub(super) triangles: u64,
     pub(super) data: Bytes,
     pub(super) sha256: String,
+    pub(super) verdict: Option<Verdict>,
 }
 
 impl NewMesh {
@@ -84,6 +86,16 @@ impl NewMesh {
             triangles,
             sha256: sha256_hex(&data),
             data: data.into(),
+            verdict: None,
+        }
+    }
+
+    /// The same with how far it can be relied on; of a result its report tells that.
+    #[must_use]
+    pub fn judged(self, verdict: Verdict) -> Self {
+        Self {
+            verdict: Some(verdict),
+            ..self
         }
     }
 }
@@ -111,7 +123,7 @@ pub struct Success {
 }
 
 /// Why an attempt failed through no fault of the input; the job is tried again, or fails with
-/// [`FailureReason::problem`] when this was the last attempt.
+/// [`FailureReason::problem`] when this was the last attempt or another one is sure to fail too.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "code", rename_all = "snake_case")]
 pub enum FailureReason {
@@ -152,6 +164,11 @@ impl FailureReason {
         }
     }
 
+    /// Whether another attempt would fail the same way: the same job needs the same memory.
+    pub fn is_sure(&self) -> bool {
+        matches!(self, Self::OutOfMemory { .. })
+    }
+
     /// The problem of a job whose last attempt failed for this reason.
     pub fn problem(&self, failures: i64) -> Problem {
         let (code, what) = match self {
@@ -166,9 +183,9 @@ impl FailureReason {
             Self::OutOfMemory { limit_bytes } => (
                 "out_of_memory",
                 format!(
-                    "the worker needed more than {} MiB of memory; lower network.width, \
-                     training.history or the budgets of sampling, or give workers more with \
-                     --worker-memory-mib",
+                    "the worker needed more than {} MiB of memory; lower surface.resolution, \
+                     network.width, training.history or the budgets of sampling, or give workers \
+                     more with --worker-memory-mib",
                     limit_bytes >> 20
                 ),
             ),
@@ -180,11 +197,11 @@ impl FailureReason {
             // What was seen is for the log; a client learns that it is not its fault.
             Self::Internal { .. } => ("internal", "the reconstruction failed".to_owned()),
         };
+        let plural = if failures == 1 { "" } else { "s" };
         Problem {
             code: code.to_owned(),
-            detail: format!("{what}; {failures} attempts failed"),
-            // The same job needs the same memory.
-            retryable: !matches!(self, Self::OutOfMemory { .. }),
+            detail: format!("{what}; {failures} attempt{plural} failed"),
+            retryable: !self.is_sure(),
             errors: Vec::new(),
         }
     }

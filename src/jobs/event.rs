@@ -6,6 +6,7 @@ use serde_json::Value;
 use super::assessment::Assessment;
 use super::attempt::{FailureReason, Problem};
 use super::id::JobId;
+use crate::reconstruction::report::Verdict;
 use crate::reconstruction::training::Metrics;
 use crate::reconstruction::{Phase, Warning};
 
@@ -161,6 +162,8 @@ pub enum NewEvent {
         triangles: u64,
         /// Size of the canonical encoding.
         bytes: u64,
+        /// How far it can be trusted.
+        verdict: Option<Verdict>,
     },
     /// The job has a result.
     Succeeded {

@@ -161,7 +161,8 @@ pub struct JobFilter {
     pub status: Option<Status>,
     /// Only jobs of this cloud.
     pub cloud_id: Option<CloudId>,
-    /// Only jobs that carry this label with this value.
+    /// Only jobs that carry this label with this value, as they are written with a colon between
+    /// them: a label may have colons, too.
     pub label: Option<(String, String)>,
     /// Only jobs whose report gives this verdict on their mesh.
     pub verdict: Option<Verdict>,

@@ -32,10 +32,11 @@ pub(super) fn fit<T: Scalar>(
         // Training takes care of a release after this iteration, without losing it.
         // Its progress is not that of training.
         match mesher.mesh(&field, &|| mesher.observer.cancelled(), &|_| {}) {
-            Ok((mesh, _)) => {
+            Ok((mesh, surface)) => {
                 mesher.observer.event(Event::Snapshot {
                     evaluation,
                     mesh: &mesh,
+                    verdict: mesher.verdict(&mesh, &surface),
                 });
                 Ok(())
             }

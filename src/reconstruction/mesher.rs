@@ -5,7 +5,7 @@ use super::error::Error;
 use super::mesh::{Limits, PointTree, TriangleMesh, simplify, trim};
 use super::observer::Observer;
 use super::plan::{Extent, Plan};
-use super::report::SurfaceReport;
+use super::report::{SurfaceReport, Verdict, verdict_on};
 use super::sampling::Prepared;
 use super::settings::Components;
 use super::surface::{Field, MAX_TRIANGLES, Request, extract, keep_components};
@@ -111,6 +111,11 @@ impl<'a> Mesher<'a> {
         }
         let mesh = self.simplified(mesh, &mut report, stopped)?;
         Ok((mesh, report))
+    }
+
+    /// How far a mesh that was made here can be relied on.
+    pub(super) fn verdict(&self, mesh: &TriangleMesh, surface: &SurfaceReport) -> Verdict {
+        verdict_on(self.cloud, self.plan, self.prepared, mesh, surface)
     }
 
     /// The mesh with as few triangles as asked for, as far as the points bear it out. What is cut away is gone by

@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::mesh::TriangleMesh;
+use super::report::Verdict;
 use super::training::{GradientHistogram, Metrics};
 
 /// The stages of a run, in their order.
@@ -58,6 +59,8 @@ pub enum Event<'a> {
         evaluation: u64,
         /// The mesh.
         mesh: &'a TriangleMesh,
+        /// How far it can be relied on.
+        verdict: Verdict,
     },
     /// A warning.
     Warning(&'a Warning),

@@ -124,3 +124,26 @@ fn health_asks_the_address_that_it_is_given() {
     succeed(folder.path(), &["health", "--listen", &address]);
     answers.unwrap().join().unwrap();
 }
+
+#[test]
+fn a_reader_ends_with_whoever_started_it() {
+    let folder = folder();
+    let pipe = folder.path().join("pipe");
+    assert!(
+        Command::new("mkfifo")
+            .arg(&pipe)
+            .status()
+            .unwrap()
+            .success()
+    );
+    let mut reader = Command::new(env!("CARGO_BIN_EXE_meshway"))
+        .args(["inspect", "--until-input-ends"])
+        .arg(&pipe)
+        .stdin(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // It waits for somebody who writes, and nobody does.
+    assert!(reader.try_wait().unwrap().is_none());
+    drop(reader.stdin.take());
+    assert!(!reader.wait().unwrap().success());
+}

@@ -1,7 +1,8 @@
 //! The folder of a service: which ones are taken, and what in them is removed.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::{self, File, Permissions};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{Duration, SystemTime};
@@ -200,6 +201,35 @@ async fn only_files_that_the_service_makes_are_removed() {
     }
     for name in &ours {
         assert!(!folder.join(name).exists(), "{name}");
+    }
+}
+
+#[tokio::test]
+async fn what_is_in_the_folder_is_for_the_user_of_the_service_only() {
+    let place = place();
+    let folder = place.path();
+    let open = |path: &Path, mode| fs::set_permissions(path, Permissions::from_mode(mode)).unwrap();
+    // One that was there before, as a mounted volume is.
+    open(folder, 0o755);
+    serve_once(folder).await;
+    // As earlier versions left it.
+    open(&folder.join("meshway.db"), 0o644);
+    serve_once(folder).await;
+    for name in [
+        "meshway.db",
+        "content.db",
+        "lock",
+        "meshway-folder",
+        "ballast",
+        "clouds",
+        "tmp",
+        "cache",
+    ] {
+        let mode = fs::metadata(folder.join(name))
+            .unwrap()
+            .permissions()
+            .mode();
+        assert_eq!(mode & 0o077, 0, "{name}: {mode:o}");
     }
 }
 

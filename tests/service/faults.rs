@@ -15,9 +15,6 @@ use tokio::io::AsyncWriteExt as _;
 use crate::server::{Folder, PATIENCE, SCRIPTED, until};
 use crate::wire::Connection;
 
-/// A killed worker's job runs again within so long; ten seconds are promised.
-const AGAIN: Duration = Duration::from_secs(10);
-
 #[tokio::test]
 async fn the_job_of_a_killed_worker_runs_again() {
     let folder = Folder::new().await;
@@ -25,7 +22,7 @@ async fn the_job_of_a_killed_worker_runs_again() {
     let id = folder.submit(json!({})).await;
     let worker = folder.running(&id).await;
     kill_process(worker, Signal::KILL).unwrap();
-    until("the job runs again", AGAIN, async || {
+    until("the job runs again", PATIENCE, async || {
         (folder.job(&id).await.attempt == 2).then_some(())
     })
     .await;
@@ -77,13 +74,27 @@ async fn too_much_memory_is_named() {
         .await;
     let id = folder.submit(json!({})).await;
     let job = folder.end(&id).await;
-    assert_eq!(job.status, Status::Failed);
+    // Another attempt would need as much.
+    assert_eq!((job.status, job.attempt), (Status::Failed, 1));
     assert_eq!(
         job.error.unwrap().code,
         "out_of_memory",
         "{:?}",
         job.failure_reason
     );
+}
+
+#[tokio::test]
+async fn a_cloud_whose_file_was_removed_is_missed_once() {
+    let folder = Folder::new().await;
+    let _server = folder.serve(&[]).await;
+    fs::remove_file(folder.path().join("clouds").join("a".repeat(64))).unwrap();
+    let id = folder.submit(json!({})).await;
+    let job = folder.end(&id).await;
+    assert_eq!((job.status, job.attempt), (Status::Failed, 1));
+    let error = job.error.unwrap();
+    assert_eq!(error.code, "cloud_missing");
+    assert!(error.detail.contains("upload the cloud again"), "{error:?}");
 }
 
 #[tokio::test]
@@ -104,6 +115,20 @@ async fn a_computation_that_does_not_stop_is_ended_with_its_process() {
     let next = folder.submit(json!({})).await;
     assert_ne!(folder.running(&next).await, worker);
     folder.events(&id).await;
+}
+
+#[tokio::test]
+async fn who_cancels_does_not_wait_for_a_computation_that_does_not_look() {
+    let folder = Folder::new().await;
+    let server = folder.serve(&["--script=hang"]).await;
+    let id = folder.submit(json!({})).await;
+    folder.running(&id).await;
+    folder.store.request_cancel(&id).await.unwrap();
+    assert_eq!(folder.end(&id).await.status, Status::Cancelled);
+    // Long before the ten seconds that others have.
+    let log = server.log();
+    assert!(log.contains("nobody wants it any more"), "{log}");
+    assert!(!log.contains("does not stop"), "{log}");
 }
 
 #[tokio::test]
@@ -151,10 +176,7 @@ async fn a_server_that_is_asked_to_end_gives_its_jobs_back() {
     let server = folder.serve(&["--script=sleep:30"]).await;
     let id = folder.submit(json!({})).await;
     folder.running(&id).await;
-    let (status, took) = server.terminate().await;
-    assert!(status.success());
-    // Half a minute is promised; nothing here needs any of it.
-    assert!(took < Duration::from_secs(15), "{took:?}");
+    assert!(server.terminate().await.success());
     let job = folder.job(&id).await;
     assert_eq!(
         (job.status, job.attempt, job.failures),

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::http::contract::expect_named;
 use crate::http::support::{gzip, sphere, sphere_xyz};
-use crate::server::{Folder, Server};
+use crate::server::{Folder, Server, job_ended};
 use crate::wire::{Answer, Connection};
 
 const POINTS: usize = 200;
@@ -65,9 +65,8 @@ async fn a_job_of_blocks_tells_their_series() {
         },
     });
     let mut connection = Connection::open(server.address()).await.unwrap();
-    let wait = "Prefer: wait=120\r\n";
-    let job = connection.post("/v1/jobs", wait, &request).await.unwrap();
-    let job = job.json();
+    let answer = connection.post("/v1/jobs", "", &request).await.unwrap();
+    let job = job_ended(&mut connection, &answer.json()).await;
     assert_eq!(job["status"], "succeeded", "{job}");
     let metrics = job["links"]["metrics"].as_str().unwrap();
     let of = async |query: &str| {
@@ -110,9 +109,8 @@ async fn becomes_a_mesh(server: &Server, cloud: &Value, what: &str) {
         "settings": {"training": {"max_evaluations": 40}, "surface": {"resolution": 32}},
     });
     let mut connection = Connection::open(server.address()).await.unwrap();
-    let wait = "Prefer: wait=120\r\n";
-    let answer = connection.post("/v1/jobs", wait, &request).await.unwrap();
-    let job = answer.json();
+    let answer = connection.post("/v1/jobs", "", &request).await.unwrap();
+    let job = job_ended(&mut connection, &answer.json()).await;
     assert_eq!(job["status"], "succeeded", "{what}: {job}");
     let path = format!("GET {}.ply", job["links"]["mesh"].as_str().unwrap());
     let mesh = connection.ask(&path, "", &[]).await.unwrap();

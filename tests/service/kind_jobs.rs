@@ -9,7 +9,7 @@ use meshway::reconstruction::vector::Vec3;
 use serde_json::{Value, json};
 
 use crate::http::support::sphere;
-use crate::server::{Folder, PROGRAM, Server};
+use crate::server::{Folder, PROGRAM, Server, job_ended};
 use crate::wire::Connection;
 
 const KINDS: usize = 5;
@@ -93,8 +93,8 @@ async fn by_a_job(server: &Server, cloud: &str, settings: &Value) -> Value {
         "preset": "fast",
         "settings": settings,
     });
-    let answer = connection.post("/v1/jobs", "Prefer: wait=240\r\n", &request);
-    let job = answer.await.unwrap().json();
+    let answer = connection.post("/v1/jobs", "", &request).await.unwrap();
+    let job = job_ended(&mut connection, &answer.json()).await;
     assert_eq!(job["status"], "succeeded", "{job}");
     told(&job)
 }

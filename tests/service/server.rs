@@ -19,6 +19,7 @@ use tempfile::TempDir;
 
 use crate::http::support::sphere_xyz;
 use crate::store::support::summary;
+use crate::wire::Connection;
 
 /// How long anything may take on a busy machine before a test gives up.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(4);
@@ -189,8 +190,10 @@ impl Server {
         until("the server listens", PATIENCE, async || {
             let ended = server.child.try_wait().unwrap();
             assert!(ended.is_none(), "{}", server.log());
-            let listens = server.log().contains("listening on http://127.0.0.1:");
-            listens.then_some(())
+            // The whole line: the port is in it.
+            let log = server.log();
+            let (_, address) = log.split_once("listening on http://127.0.0.1:")?;
+            address.contains('\n').then_some(())
         })
         .await;
         server
@@ -212,10 +215,9 @@ impl Server {
     }
 
     /// Asks the server to end, and waits until it has.
-    pub(crate) async fn terminate(mut self) -> (ExitStatus, Duration) {
-        let start = Instant::now();
+    pub(crate) async fn terminate(mut self) -> ExitStatus {
         kill_process(self.pid(), Signal::TERM).unwrap();
-        (self.ended().await, start.elapsed())
+        self.ended().await
     }
 
     /// Waits until the server has ended.
@@ -233,6 +235,16 @@ impl Drop for Server {
         drop(self.child.kill());
         drop(self.child.wait());
     }
+}
+
+/// A job as JSON once it has ended: on a busy machine a wait for it may be too short.
+pub(crate) async fn job_ended(client: &mut Connection, job: &Value) -> Value {
+    let path = format!("GET {}", job["links"]["self"].as_str().unwrap());
+    until("the job ends", PATIENCE, async || {
+        let job = client.ask(&path, "", &[]).await.unwrap().json();
+        job["finished_at"].is_string().then_some(job)
+    })
+    .await
 }
 
 /// Looks again and again until there is something.

@@ -178,7 +178,7 @@ impl Saboteur {
             // One that was not killed is asked to end.
             if let Some(server) = server {
                 self.count("ends of a server by SIGTERM");
-                let (status, _) = server.terminate().await;
+                let status = server.terminate().await;
                 assert!(status.success());
             }
         }
@@ -301,7 +301,7 @@ async fn no_job_is_lost_under_random_faults() {
     println!("soak: faults {:?}", saboteur.done);
     println!("soak: {} jobs, {ends:?}", site.book().accepted.len());
 
-    let (status, _) = server.terminate().await;
+    let status = server.terminate().await;
     assert!(status.success());
     until("all processes end", DRAIN, async || {
         site.folder.processes().is_empty().then_some(())

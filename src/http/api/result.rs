@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::Time;
-use crate::jobs::{JobId, Status};
+use crate::jobs::{JobId, Status, Verdict};
 
 /// A list about a job.
 #[derive(Debug, Serialize)]
@@ -32,6 +32,8 @@ pub(in crate::http) struct Snapshot<'a> {
     pub(in crate::http) sha256: &'a str,
     /// When it was written.
     pub(in crate::http) created_at: Time,
+    /// How far it can be trusted.
+    pub(in crate::http) verdict: Option<Verdict>,
     /// Where it is, by format.
     pub(in crate::http) links: BTreeMap<&'static str, String>,
 }

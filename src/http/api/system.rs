@@ -31,12 +31,20 @@ pub(in crate::http) struct Limits {
     pub(in crate::http) body_bytes: u64,
     /// Seconds that an upload may pause.
     pub(in crate::http) upload_idle_seconds: u32,
+    /// Least bytes a second of an upload.
+    pub(in crate::http) upload_bytes_per_second: u64,
+    /// Seconds that a client may leave an answer unread.
+    pub(in crate::http) download_idle_seconds: u32,
     /// Bytes that one received byte may become.
     pub(in crate::http) decompression_ratio: u64,
     /// Bytes of the header of a file.
     pub(in crate::http) cloud_header_bytes: usize,
     /// Points of a cloud.
     pub(in crate::http) points: u64,
+    /// Least points of a cloud.
+    pub(in crate::http) least_points: usize,
+    /// Triangles of a mesh.
+    pub(in crate::http) mesh_triangles: usize,
     /// Bytes of a JSON body.
     pub(in crate::http) settings_bytes: usize,
     /// Labels of a job.
@@ -71,6 +79,8 @@ pub(in crate::http) struct Limits {
     pub(in crate::http) metrics_per_job: u32,
     /// Event streams at the same time.
     pub(in crate::http) event_streams: u32,
+    /// Event streams of one client.
+    pub(in crate::http) event_streams_per_client: u32,
     /// Bytes of a request for values of a field.
     pub(in crate::http) field_bytes: usize,
     /// Points of such a request.

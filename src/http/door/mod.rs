@@ -1,6 +1,10 @@
 //! The door: connections, and the layers around every handler.
 
+pub(in crate::http) mod base;
+pub(in crate::http) mod head;
 pub(in crate::http) mod observe;
 pub(in crate::http) mod origin;
 pub(in crate::http) mod places;
 pub(in crate::http) mod server;
+mod stream;
+pub(in crate::http) mod tags;

@@ -17,6 +17,7 @@ use axum::response::Response;
 
 use crate::config::Config;
 use crate::http::AppState;
+use crate::http::door::head;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::header;
 
@@ -28,6 +29,7 @@ pub(in crate::http) async fn guard(
     request: Request,
     next: Next,
 ) -> Result<Response> {
+    head::check(&request)?;
     check(&app.config, &request)?;
     Ok(next.run(request).await)
 }

@@ -131,6 +131,11 @@ impl Place {
         Work(Arc::clone(self))
     }
 
+    /// Whether it waits for a request.
+    pub(super) fn is_idle(&self) -> bool {
+        self.turn().is_some()
+    }
+
     fn turn(&self) -> MutexGuard<'_, Option<u64>> {
         self.turn.lock().unwrap_or_else(PoisonError::into_inner)
     }

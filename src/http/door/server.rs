@@ -20,7 +20,9 @@ use tokio_io_timeout::TimeoutStream;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
 
+use crate::http::door::head;
 use crate::http::door::places::{Peer, Place, Places, Watched};
+use crate::http::door::stream::{Requests, Stream};
 use crate::http::wire::error::{ApiError, Code};
 use crate::http::wire::idempotency;
 use crate::http::{AppState, router};
@@ -36,9 +38,6 @@ const PROBE_PATIENCE: Duration = Duration::from_secs(2);
 
 /// The paths that count as probes.
 const PROBES: [&str; 3] = ["/livez", "/readyz", "/metrics"];
-
-/// Most bytes of a request's line and headers; hyper answers 431 to more.
-pub(in crate::http) const MAX_HEAD_BYTES: usize = 64 * 1024;
 
 /// Serves until `close` is cancelled and the requests under way have ended, at most ten seconds
 /// longer. Between [`crate::http::App::shutdown`] and `close` connections are still taken: clients are
@@ -68,15 +67,20 @@ pub async fn serve(listener: TcpListener, app: AppState, close: CancellationToke
         let patience = if place.kept { PROBE_PATIENCE } else { patience };
         let mut stream = TimeoutStream::new(stream);
         stream.set_write_timeout(Some(stall));
-        let service = service_fn({
-            let (place, router) = (Arc::clone(&place), service.clone());
-            move |request| answer(Arc::clone(&place), router.clone(), peer, request)
-        });
+        let requests = Arc::default();
+        let stream = Stream::new(Box::pin(stream), Arc::clone(&place), Arc::clone(&requests));
+        let connection = Connection {
+            place: Arc::clone(&place),
+            requests,
+            router: service.clone(),
+            peer,
+        };
+        let service = service_fn(move |request| connection.clone().answer(request));
         let connection = http1::Builder::new()
             .timer(TokioTimer::new())
             .header_read_timeout(patience)
-            .max_buf_size(MAX_HEAD_BYTES)
-            .serve_connection(TokioIo::new(Box::pin(stream)), service);
+            .max_buf_size(head::MAX_BYTES)
+            .serve_connection(TokioIo::new(stream), service);
         let connection = graceful.watch(connection);
         let cut = cut.clone();
         tokio::spawn(async move {
@@ -111,22 +115,35 @@ async fn accept(
     Ok((stream, Peer(peer), places.take().await))
 }
 
-/// Answers a request. Its connection counts as busy until the answer has been sent.
-async fn answer(
+/// What an answer needs of its connection.
+#[derive(Clone)]
+struct Connection {
     place: Arc<Place>,
+    requests: Arc<Requests>,
     router: Router,
     peer: Peer,
-    request: Request<Incoming>,
-) -> Result<Response, Infallible> {
-    let work = place.work();
-    if place.kept && !PROBES.contains(&request.uri().path()) {
-        let detail = "as many connections as allowed are at work";
-        let refused = ApiError::new(Code::RateLimited, detail).retry_after(5);
-        let close = (CONNECTION, HeaderValue::from_static("close"));
-        return Ok(([close], refused).into_response());
+}
+
+impl Connection {
+    /// The answer to a request, whose connection is at work until it was sent.
+    async fn answer(self, request: Request<Incoming>) -> Result<Response, Infallible> {
+        let work = self.place.work();
+        let request = request.map(|body| self.requests.begin(body));
+        let response = if self.place.kept && !is_probe(request.uri().path()) {
+            let detail = "as many connections as allowed are at work";
+            let refused = ApiError::new(Code::RateLimited, detail).retry_after(5);
+            let close = (CONNECTION, HeaderValue::from_static("close"));
+            ([close], refused).into_response()
+        } else {
+            let mut request = request;
+            request.extensions_mut().insert(self.peer);
+            self.router.oneshot(request).await?
+        };
+        Ok(response.map(|body| Body::new(Watched::new(body, work))))
     }
-    let mut request = request.map(Body::new);
-    request.extensions_mut().insert(peer);
-    let response = router.oneshot(request).await?;
-    Ok(response.map(|body| Body::new(Watched::new(body, work))))
+}
+
+/// Whether it is for those who watch, below whatever path a proxy offers the service.
+fn is_probe(path: &str) -> bool {
+    PROBES.iter().any(|probe| path.ends_with(probe))
 }

@@ -14,11 +14,11 @@ use serde_json::json;
 
 use crate::http::AppState;
 use crate::http::api;
-use crate::http::door::server::MAX_HEAD_BYTES;
+use crate::http::door::head;
 use crate::http::resources::events;
 use crate::http::resources::field;
 use crate::http::resources::jobs::request::{MAX_LABEL_LENGTH, MAX_LABELS};
-use crate::http::upload::bodies::JSON_LIMIT;
+use crate::http::upload::bodies::{JSON_LIMIT, LEAST_RATE};
 use crate::http::wire::accept::preferred;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{MAX_WAIT_SECONDS, NoQuery};
@@ -26,8 +26,9 @@ use crate::http::wire::idempotency;
 use crate::http::wire::page;
 use crate::intake::MAX_EXPANSION;
 use crate::reconstruction::Preset;
-use crate::reconstruction::cloud::MAX_HEADER_BYTES;
+use crate::reconstruction::cloud::{MAX_HEADER_BYTES, MIN_POINTS};
 use crate::reconstruction::settings::{BOUNDS, Bound, MAX_CHOSEN_EVALUATIONS};
+use crate::reconstruction::surface::MAX_TRIANGLES;
 
 /// Time after which the database counts as not writable. Probes give up after some seconds.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -55,13 +56,17 @@ pub(in crate::http) async fn limits(State(app): State<AppState>, _: NoQuery) -> 
     };
     Json(api::Limits {
         connections: config.max_connections,
-        header_bytes: MAX_HEAD_BYTES,
+        header_bytes: head::MAX_BYTES,
         header_seconds: config.header_timeout_seconds,
         body_bytes: config.body_limit_bytes(),
         upload_idle_seconds: config.upload_timeout_seconds,
+        upload_bytes_per_second: LEAST_RATE,
+        download_idle_seconds: config.download_timeout_seconds,
         decompression_ratio: MAX_EXPANSION,
         cloud_header_bytes: MAX_HEADER_BYTES,
         points: config.max_points,
+        least_points: MIN_POINTS,
+        mesh_triangles: MAX_TRIANGLES,
         settings_bytes: JSON_LIMIT,
         labels: MAX_LABELS,
         label_characters: MAX_LABEL_LENGTH,
@@ -79,6 +84,7 @@ pub(in crate::http) async fn limits(State(app): State<AppState>, _: NoQuery) -> 
         events_per_job: config.max_events,
         metrics_per_job: config.max_metrics,
         event_streams: config.max_streams,
+        event_streams_per_client: config.streams_per_client(),
         field_bytes: field::MAX_BODY_BYTES,
         field_points: field::MAX_POINTS,
         disk_reserve_bytes: app
@@ -166,6 +172,7 @@ pub(in crate::http) async fn metrics(
     headers: HeaderMap,
 ) -> Result<Response> {
     app.gauges.refresh(&app).await?;
+    app.telemetry.refresh();
     let mut text = String::new();
     let registry = app.telemetry.registry.lock();
     let registry = registry.unwrap_or_else(std::sync::PoisonError::into_inner);

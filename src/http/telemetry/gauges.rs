@@ -98,20 +98,7 @@ impl Gauges {
             running: Mutex::default(),
         };
         let g = &gauges;
-        // Created at the start: Prometheus sees no increase in the first sample of a series.
-        for (status, code) in [
-            ("succeeded", ""),
-            ("cancelled", ""),
-            ("failed", "no_surface"),
-            ("failed", "training_diverged"),
-            ("failed", "out_of_memory"),
-            ("failed", "time_limit"),
-            ("failed", "worker_crashed"),
-            ("failed", "internal"),
-        ] {
-            let (status, code) = (status.to_owned(), code.to_owned());
-            drop(g.finished.get_or_create(&Finished { status, code }));
-        }
+        g.begin_at_zero();
         let build = Info::new([("version", env!("CARGO_PKG_VERSION"))]);
         registry.register("build", "Version of the service", build);
         registry.register("jobs", "Jobs by status", g.jobs.clone());
@@ -170,6 +157,36 @@ impl Gauges {
             g.busy.clone(),
         );
         gauges
+    }
+
+    /// Makes the series of what is to come: an increase cannot be seen of one that begins with it.
+    fn begin_at_zero(&self) {
+        for (status, code) in [
+            ("succeeded", ""),
+            ("cancelled", ""),
+            ("failed", "no_surface"),
+            ("failed", "training_diverged"),
+            ("failed", "mesh_too_large"),
+            ("failed", "cloud_missing"),
+            ("failed", "out_of_memory"),
+            ("failed", "time_limit"),
+            ("failed", "worker_crashed"),
+            ("failed", "internal"),
+        ] {
+            let (status, code) = (status.to_owned(), code.to_owned());
+            drop(self.finished.get_or_create(&Finished { status, code }));
+        }
+        for reason in [
+            "first",
+            "released",
+            "worker_crashed",
+            "lease_expired",
+            "unresponsive",
+            "internal",
+        ] {
+            let reason = reason.to_owned();
+            drop(self.attempts.get_or_create(&ByReason { reason }));
+        }
     }
 
     /// Counts a request that the database was too busy for.

@@ -1,6 +1,7 @@
 //! Metrics of requests, for `/metrics` only.
 
 pub(in crate::http) mod gauges;
+mod process;
 
 use std::sync::Mutex;
 
@@ -9,6 +10,8 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::Registry;
+
+use process::Process;
 
 /// Upper bounds of the durations in seconds: from a look at a job to a large upload.
 const DURATIONS: [f64; 12] = [
@@ -35,31 +38,45 @@ struct RouteLabels {
 pub struct Telemetry {
     /// All metrics, for `/metrics`.
     pub registry: Mutex<Registry>,
+    process: Process,
     requests: Family<RequestLabels, Counter>,
     durations: Family<RouteLabels, Histogram>,
 }
 
 impl Default for Telemetry {
     fn default() -> Self {
-        let mut registry = Registry::with_prefix("meshway");
+        let mut registry = Registry::default();
+        let process = Process::new(&mut registry);
+        let own = own(&mut registry);
         let requests = Family::<RequestLabels, Counter>::default();
         let durations =
             Family::<RouteLabels, Histogram>::new_with_constructor(|| Histogram::new(DURATIONS));
-        registry.register("http_requests", "Requests answered", requests.clone());
-        registry.register(
+        own.register("http_requests", "Requests answered", requests.clone());
+        own.register(
             "http_request_duration_seconds",
             "Time to the head of the answer",
             durations.clone(),
         );
         Self {
             registry: Mutex::new(registry),
+            process,
             requests,
             durations,
         }
     }
 }
 
+/// Where metrics of the service itself go: their names begin with its own.
+pub(in crate::http) fn own(registry: &mut Registry) -> &mut Registry {
+    registry.sub_registry_with_prefix("meshway")
+}
+
 impl Telemetry {
+    /// Reads what is read when it is asked for.
+    pub(in crate::http) fn refresh(&self) {
+        self.process.refresh();
+    }
+
     /// Counts an answered request.
     pub(in crate::http) fn answered(
         &self,

@@ -3,6 +3,7 @@
 pub(in crate::http) mod bodies;
 pub(in crate::http) mod spool;
 
+use std::os::unix::fs::FileExt;
 use std::time::Duration;
 
 use axum::body::{Body, BodyDataStream};
@@ -22,9 +23,6 @@ use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::header;
 use crate::reconstruction::cloud::Format;
 
-/// How long the rest of a refused body is read.
-const LINGER: Duration = Duration::from_secs(2);
-
 /// An uploaded file that is not a cloud yet.
 #[derive(Debug)]
 pub(in crate::http) struct Upload {
@@ -32,6 +30,24 @@ pub(in crate::http) struct Upload {
     pub(in crate::http) spooled: Spooled,
     /// Format suggested by media type or file name, for contents that do not show theirs.
     pub(in crate::http) hint: Option<Format>,
+    /// Whether it came as the fields of a page's form, which curl says of what it sends with `-d`.
+    as_fields: bool,
+}
+
+impl Upload {
+    /// A refusal of its content, with what clients that send no cloud at all may have meant.
+    pub(in crate::http) fn explain(&self, error: ApiError) -> ApiError {
+        let mut begin = [0; 64];
+        let file = self.spooled.file.as_file();
+        let read = file.read_at(&mut begin, 0).unwrap_or_default();
+        if begin[..read].trim_ascii_start().starts_with(b"{") {
+            error.and("a job as JSON is sent to /v1/jobs with Content-Type: application/json")
+        } else if self.as_fields {
+            error.and("curl sends a file as it is with --data-binary; -d leaves out its line ends")
+        } else {
+            error
+        }
+    }
 }
 
 /// What a request carries.
@@ -57,7 +73,18 @@ pub(in crate::http) async fn receive(app: &AppState, request: Request) -> Result
             let hint = format_of_media_type(essence);
             let (parts, body) = request.into_parts();
             let spooled = raw(app, &parts.headers, body).await?;
-            Ok(Payload::File(Upload { spooled, hint }, None))
+            if spooled.bytes == 0 {
+                let detail = "the body is empty: send the file itself, as curl does with \
+                              --data-binary @cloud.ply";
+                return Err(ApiError::new(Code::CloudEmpty, detail));
+            }
+            let as_fields = essence == "application/x-www-form-urlencoded";
+            let upload = Upload {
+                spooled,
+                hint,
+                as_fields,
+            };
+            Ok(Payload::File(upload, None))
         }
     }
 }
@@ -93,24 +120,10 @@ async fn raw(app: &AppState, headers: &HeaderMap, body: Body) -> Result<Spooled>
     let mut pace = pace(app);
     let mut receiver = Receiver::new(app, encoding, declared)?;
     let mut stream = body.into_data_stream();
-    let taken = async {
-        while let Some(chunk) = next(&mut pace, &mut stream).await? {
-            receiver.push(&chunk).await?;
-        }
-        Ok(())
-    };
-    if let Err(error) = taken.await {
-        linger(stream);
-        return Err(error);
+    while let Some(chunk) = next(&mut pace, &mut stream).await? {
+        receiver.push(&chunk).await?;
     }
     receiver.finish().await
-}
-
-/// Keeps reading a refused body for a while. Closing a socket with unread bytes resets the
-/// connection, and a client that still writes would not get the answer.
-fn linger(mut stream: BodyDataStream) {
-    let drained = async move { while let Some(Ok(_)) = stream.next().await {} };
-    tokio::spawn(tokio::time::timeout(LINGER, drained));
 }
 
 async fn form(app: &AppState, request: Request) -> Result<Payload> {
@@ -165,7 +178,11 @@ async fn file_part(app: &AppState, pace: &mut Pace, mut part: Field<'_>) -> Resu
         receiver.push(&chunk).await?;
     }
     let spooled = receiver.finish().await?;
-    Ok(Upload { spooled, hint })
+    Ok(Upload {
+        spooled,
+        hint,
+        as_fields: false,
+    })
 }
 
 fn broken(error: &MultipartError) -> ApiError {

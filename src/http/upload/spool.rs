@@ -11,6 +11,7 @@ use tempfile::NamedTempFile;
 use zstd::stream::raw::{DParameter, Decoder as ZstdDecoder};
 use zstd::stream::zio;
 
+use crate::folder::in_folder;
 use crate::http::wire::download::hex;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::intake::MAX_EXPANSION;
@@ -80,7 +81,8 @@ impl Spool {
     /// `Internal` when the file cannot be made.
     pub(in crate::http) fn new(folder: &Path, encoding: Encoding, limit: u64) -> Result<Self> {
         let sink = Sink {
-            file: NamedTempFile::new_in(folder).map_err(ApiError::internal)?,
+            file: in_folder(folder, || NamedTempFile::new_in(folder))
+                .map_err(ApiError::internal)?,
             hash: Sha256::new(),
             bytes: 0,
             limit,

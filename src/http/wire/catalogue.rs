@@ -32,6 +32,7 @@ pub struct Entry {
 }
 
 catalogue! {
+    MalformedRequest "malformed_request" 400 false "This is no request of HTTP.";
     MalformedJson "malformed_json" 400 false "The body is not JSON.";
     MalformedMultipart "malformed_multipart" 400 false "The body is not a usable multipart form.";
     BadHeader "bad_header" 400 false "A header cannot be understood.";
@@ -74,6 +75,7 @@ catalogue! {
     TrainingTooLarge "training_too_large" 422 false "The training needs more memory than allowed.";
     RateLimited "rate_limited" 429 true "Too many requests.";
     Quota "quota" 429 true "The quota is used up.";
+    HeadTooLarge "head_too_large" 431 false "The line and the headers of the request are too large.";
     Internal "internal" 500 true "The service failed.";
     QueueFull "queue_full" 503 true "As many jobs as allowed wait already.";
     Draining "draining" 503 true "The service is about to stop.";

@@ -148,7 +148,14 @@ impl Download {
             }
         };
         let body = self.content.read(range.clone()).await;
-        let mut response = Response::new(body.map_err(ApiError::internal)?);
+        let body = body.map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => ApiError::new(
+                Code::NotFound,
+                "the bytes are not in the data folder any more; send them, or make them, again",
+            ),
+            _ => ApiError::internal(error),
+        })?;
+        let mut response = Response::new(body);
         *response.status_mut() = status;
         let headers = response.headers_mut();
         headers.insert(ETAG, text(&etag)?);

@@ -105,6 +105,14 @@ impl ApiError {
         )
     }
 
+    /// The same with something more to say.
+    #[must_use]
+    pub fn and(mut self, more: &str) -> Self {
+        self.detail.push_str("; ");
+        self.detail.push_str(more);
+        self
+    }
+
     /// The same with a further member.
     #[must_use]
     pub fn with(mut self, name: &str, value: Value) -> Self {

@@ -210,6 +210,10 @@ impl Members {
     /// # Errors
     /// As [`Members::of`].
     pub(in crate::http) fn of_part(part: &str, body: &[u8]) -> Result<Self> {
+        if body.trim_ascii().is_empty() {
+            let detail = format!("{part} is empty: a JSON object is needed");
+            return Err(ApiError::new(Code::MalformedJson, detail));
+        }
         let value: Value = serde_json::from_slice(body)
             .map_err(|error| ApiError::new(Code::MalformedJson, format!("{part}: {error}")))?;
         let Value::Object(object) = value else {

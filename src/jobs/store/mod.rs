@@ -32,6 +32,7 @@ use futures_util::future::BoxFuture;
 use sqlx::sqlite::{SqlitePool, SqlitePoolOptions};
 use tokio::sync::{Mutex, watch};
 
+pub use content::ballast::BALLAST_FILE;
 pub use content::objects::CHUNK_BYTES;
 pub use records::checkpoints::Checkpoint;
 pub use records::idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};

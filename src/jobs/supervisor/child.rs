@@ -10,9 +10,10 @@ use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::process::{ChildStdin, ChildStdout, Command};
 use tokio::time::MissedTickBehavior;
 
-use super::{Living, Options, Supervisor, memory};
+use super::{Living, Options, Supervisor};
 use crate::jobs::FailureReason;
 use crate::jobs::worker::{SIGN_OF_LIFE, worker_name};
+use crate::process::resident_bytes;
 
 /// Time between two checks of the memory. A worker can exceed its limit by what it takes in this
 /// time.
@@ -116,7 +117,7 @@ impl Child {
 
     fn check_memory(&mut self, limit: Option<u64>) -> Option<FailureReason> {
         let limit_bytes = limit?;
-        let resident = memory::resident_bytes(self.process.id()?)?;
+        let resident = resident_bytes(self.process.id()?)?;
         if resident <= limit_bytes {
             return None;
         }

@@ -12,7 +12,6 @@
 //! and the time of day jumps when a machine wakes up.
 
 mod child;
-mod memory;
 mod pulse;
 mod sweep;
 

@@ -18,6 +18,9 @@ use crate::folder::CLOUDS;
 use crate::jobs::{Claim, Error, FailureReason, Lookup, NewMesh, Problem, Record, Result, Success};
 use crate::reconstruction::in_pool;
 
+/// How long a computation that nobody wants any more may take to stop: two seconds are promised to who
+/// cancels. Between two questions of a large surface whether to stop lies more than that.
+const LEFT_AFTER: Duration = Duration::from_millis(1_500);
 /// Time between two writes of progress: four a second are what a stream shows.
 const FLUSH: Duration = Duration::from_millis(250);
 /// Messages that may wait between the thread and the async side.
@@ -131,7 +134,13 @@ impl<'a> Attempt<'a> {
         let stopping = &self.worker.signals.stopping;
         let overdue = async {
             control.asked().await;
-            tokio::time::sleep(options.grace).await;
+            let unwanted = control.reason().is_some_and(Stop::is_for_good);
+            let grace = if unwanted {
+                LEFT_AFTER.min(options.grace)
+            } else {
+                options.grace
+            };
+            tokio::time::sleep(grace).await;
         };
         let limit = tokio::time::sleep(options.time_limit.saturating_sub(self.claim.worked));
         tokio::pin!(overdue, limit);
@@ -150,11 +159,17 @@ impl<'a> Attempt<'a> {
                 }
                 () = &mut overdue => {
                     let job = self.claim.job_id();
-                    // A release is planned, and loses no more than the time since the last checkpoint.
-                    if control.reason() == Some(Stop::Release) {
-                        tracing::info!(%job, "the computation is left; its job is given back");
-                    } else {
-                        tracing::error!(%job, "the computation does not stop; the process ends itself");
+                    match control.reason() {
+                        // It is planned, and loses no more than the time since the last checkpoint.
+                        Some(Stop::Release) => {
+                            tracing::info!(%job, "the computation is left; its job is given back");
+                        }
+                        Some(reason) if reason.is_for_good() => {
+                            tracing::info!(%job, "the computation is left; nobody wants it any more");
+                        }
+                        _ => {
+                            tracing::error!(%job, "the computation does not stop; the process ends itself");
+                        }
                     }
                     return End::Hung;
                 }

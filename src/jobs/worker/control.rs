@@ -17,6 +17,13 @@ pub(super) enum Stop {
     Lost,
 }
 
+impl Stop {
+    /// Whether nobody wants the work any more, in this attempt or another.
+    pub(super) fn is_for_good(self) -> bool {
+        matches!(self, Self::Cancel | Self::Lost)
+    }
+}
+
 /// Asks the thread to stop; the first reason counts.
 #[derive(Debug, Default)]
 pub(super) struct Control {

@@ -61,8 +61,15 @@ impl Observer for Sink {
             Event::Metrics(metrics) => Message::Metrics(metrics.clone()),
             Event::Gradients(histogram) => Message::Gradients(histogram.clone()),
             Event::Warning(warning) => Message::Warning(warning.clone()),
-            Event::Snapshot { evaluation, mesh } => match encode(mesh) {
-                Ok(mesh) => Message::Snapshot { evaluation, mesh },
+            Event::Snapshot {
+                evaluation,
+                mesh,
+                verdict,
+            } => match encode(mesh) {
+                Ok(mesh) => Message::Snapshot {
+                    evaluation,
+                    mesh: mesh.judged(verdict),
+                },
                 Err(error) => Message::Warning(Warning::new(
                     "snapshot_not_written",
                     format!("the snapshot at evaluation {evaluation} cannot be encoded: {error}"),

@@ -85,8 +85,14 @@ pub fn reconstruction(
     assignment: &Assignment,
     observer: &dyn Observer,
 ) -> Result<Product, Failure> {
-    let bytes = fs::read(&assignment.file)
-        .map_err(|error| Failure::internal(format!("{}: {error}", assignment.file.display())))?;
+    let bytes = fs::read(&assignment.file).map_err(|error| match error.kind() {
+        // No attempt finds what somebody has removed from the data folder.
+        io::ErrorKind::NotFound => Failure::Final(Problem::new(
+            "cloud_missing",
+            "the file of the cloud is not in the data folder any more; upload the cloud again",
+        )),
+        _ => Failure::internal(format!("{}: {error}", assignment.file.display())),
+    })?;
     // The upload found the format, perhaps by the file name, which is not stored.
     let name = format!("cloud.{}", assignment.cloud.summary.format.name());
     // The upload checked the file against the operator's limits.

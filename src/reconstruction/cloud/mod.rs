@@ -39,6 +39,7 @@ pub use format::Format;
 pub use ply::MAX_HEADER_BYTES;
 pub use read::{Limits, Source, read};
 pub(super) use read::{content, unpack};
+pub use validate::MIN_POINTS;
 pub(super) use validate::{MAX_COORDINATE, enough_points};
 pub use write::{write_ply, write_xyz};
 

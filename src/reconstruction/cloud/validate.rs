@@ -7,7 +7,7 @@ use crate::reconstruction::symmetric;
 use crate::reconstruction::vector::{Bounds, Vec3, bits, scale, sub};
 
 /// Fewest distinct surface points. Below that every estimate from neighbours fails.
-const MIN_POINTS: usize = 16;
+pub const MIN_POINTS: usize = 16;
 
 /// Largest magnitude of a coordinate: there f64 still tells eighths apart, and cubes of distances
 /// are far from overflow.

@@ -26,6 +26,7 @@ pub use stopwatch::Seconds;
 pub(super) use stopwatch::Stopwatch;
 pub use surface::{Simplification, SurfaceReport};
 pub use verdict::Verdict;
+pub(super) use verdict::verdict_on;
 
 use evidence::{Evidence, Measured};
 
@@ -234,8 +235,7 @@ impl Report {
         } = *subject;
         let settings = plan.settings;
         let trained_on = prepared.surface.len();
-        let used = [prepared.surface.as_slice(), &prepared.held_out].concat();
-        let points: Vec<Vec3> = used.iter().map(|&i| cloud.points[i]).collect();
+        let points = used_points(cloud, prepared);
         let described = quality::describe(mesh);
         let judge = Judge::new(mesh, &points, settings.training.seed);
         let surface_points: Vec<Vec3> = prepared.measured(cloud).collect();
@@ -338,6 +338,12 @@ impl Report {
         lines.extend(reasons.map(|reason| format!("  {}", reason.message)));
         lines.join("\n")
     }
+}
+
+/// The surface points trained on, and then those held out.
+fn used_points(cloud: &PointCloud, prepared: &Prepared) -> Vec<Vec3> {
+    let used = prepared.surface.iter().chain(&prepared.held_out);
+    used.map(|&i| cloud.points[i]).collect()
 }
 
 /// The name of a value as it stands in JSON.

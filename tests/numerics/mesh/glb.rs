@@ -84,6 +84,10 @@ fn a_glb_holds_the_mesh() {
         .map(u32::from_le_bytes)
         .collect();
     assert_eq!(indices, mesh.triangles.as_flattened());
+    // Without a material it would be metal, which is dark where there is nothing to mirror.
+    let material = primitive["material"].as_u64().unwrap() as usize;
+    let surface = &document["materials"][material]["pbrMetallicRoughness"];
+    assert_eq!(surface["metallicFactor"], 0.0);
 }
 
 #[test]

@@ -13,6 +13,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 
 use crate::http::support::{Service, json_request, sphere_xyz, upload_request};
+use crate::server::PATIENCE;
 
 #[tokio::test]
 async fn what_is_not_there_is_a_problem_too() {
@@ -229,9 +230,8 @@ async fn silent_and_halting_clients_are_let_go() {
     let (address, _serving) = served(&service).await;
     for start in ["", "GET /v1/jobs HTTP/1.1\r\nHost: localhost\r\n"] {
         let mut connection = TcpStream::connect(&address).await.unwrap();
-        // Ends because the other side closes; the test's own patience is ten times longer.
-        let closed =
-            tokio::time::timeout(Duration::from_secs(10), exchange(&mut connection, start));
+        // Ends because the other side closes; the test's own patience is far longer.
+        let closed = tokio::time::timeout(PATIENCE, exchange(&mut connection, start));
         closed.await.unwrap();
     }
 }

@@ -14,7 +14,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
 use crate::http::support::{Service, upload_request};
-use crate::server::{Folder, Server};
+use crate::server::{Folder, PATIENCE, Server, until};
 use crate::store::support::summary;
 use crate::wire::Connection;
 
@@ -87,8 +87,7 @@ async fn a_client_has_its_share_of_the_streams() {
         connection.send("GET /v1/events", "", &[]).await.unwrap();
         connection.read_head().await.unwrap().0
     };
-    let patience = Duration::from_secs(30);
-    crate::server::until("a share is free", patience, async || {
+    until("a share is free", PATIENCE, async || {
         (again().await == 200).then_some(())
     })
     .await;
@@ -117,7 +116,11 @@ async fn who_does_not_read_is_cut_off() {
     let mut start = [0; 12];
     stream.read_exact(&mut start).await.unwrap();
     assert_eq!(&start, b"HTTP/1.1 200");
-    tokio::time::sleep(Duration::from_secs(5)).await;
+    // What is sent to it then comes back as a reset, which a later write sees.
+    until("the server cuts it off", PATIENCE, async || {
+        stream.write_all(b"x").await.err()
+    })
+    .await;
     let mut rest = Vec::new();
     drop(stream.read_to_end(&mut rest).await);
     assert!((rest.len() as u64) < BYTES / 2, "{}", rest.len());

@@ -1,7 +1,5 @@
 //! Event streams: order, resuming, ends, limits.
 
-use std::time::Duration;
-
 use axum::body::{Body, BodyDataStream};
 use axum::http::Request;
 use futures_util::StreamExt;
@@ -12,10 +10,9 @@ use tower::ServiceExt;
 
 use crate::http::contract::{expect_contract, expect_named};
 use crate::http::support::Service;
+use crate::server::{Folder, PATIENCE, Server};
 use crate::store::support::success;
-
-/// Longest wait for a frame that must come: many times the poll of a second.
-const PATIENCE: Duration = Duration::from_secs(20);
+use crate::wire::Connection;
 
 /// One frame of a stream.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,7 +30,8 @@ struct Reader {
 
 impl Reader {
     async fn open(service: &Service, path: &str, last: Option<&str>) -> Self {
-        let mut request = Request::get(path).header("accept", "text/event-stream");
+        let request = Request::get(path).header("host", "localhost");
+        let mut request = request.header("accept", "text/event-stream");
         if let Some(last) = last {
             request = request.header("last-event-id", last);
         }
@@ -286,9 +284,10 @@ async fn streams_are_limited_and_give_their_place_back() {
     Reader::open(&service, "/v1/events", None).await;
 }
 
-/// Resident memory of this process in bytes.
-fn resident_bytes() -> u64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+/// Resident memory of a server in bytes.
+fn resident_bytes(server: &Server) -> u64 {
+    let pid = server.pid().as_raw_nonzero();
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
     let line = status.lines().find(|line| line.starts_with("VmRSS:"));
     let kib = line.unwrap().split_whitespace().nth(1).unwrap();
     kib.parse::<u64>().unwrap() * 1024
@@ -299,7 +298,6 @@ async fn five_hundred_streams_all_hear_everything() {
     let service = Service::with(&["--max-streams=500"]).await;
     let id = service.submit().await;
     let path = format!("/v1/jobs/{id}/events");
-    let before = resident_bytes();
     let mut streams = Vec::new();
     for _ in 0..500 {
         let mut stream = Reader::open(&service, &path, None).await;
@@ -315,7 +313,23 @@ async fn five_hundred_streams_all_hear_everything() {
     for stream in &mut streams {
         assert_eq!(stream.rest().await.len(), 22);
     }
-    // Other tests run in this process meanwhile; the streams alone take a few MiB.
-    let grown = resident_bytes().saturating_sub(before);
+}
+
+#[tokio::test]
+async fn five_hundred_streams_take_little_memory() {
+    // A server that does nothing else; in this process other tests run meanwhile.
+    let folder = Folder::new().await;
+    let flags = ["--max-streams=500", "--max-streams-per-client=500"];
+    let server = folder.serve(&flags).await;
+    let address = server.address();
+    let before = resident_bytes(&server);
+    let mut streams = Vec::new();
+    for _ in 0..500 {
+        let mut stream = Connection::open(address).await.unwrap();
+        stream.send("GET /v1/events", "", &[]).await.unwrap();
+        assert_eq!(stream.read_head().await.unwrap().0, 200);
+        streams.push(stream);
+    }
+    let grown = resident_bytes(&server).saturating_sub(before);
     assert!(grown < 100 << 20, "{} MiB", grown >> 20);
 }

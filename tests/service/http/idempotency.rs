@@ -7,6 +7,7 @@ use meshway::jobs::IdempotencyState;
 use serde_json::json;
 
 use crate::http::support::{Service, json_request, sphere_xyz, upload_request};
+use crate::server::{PATIENCE, until};
 
 fn keyed(mut request: Request<Body>, key: &str) -> Request<Body> {
     request
@@ -108,17 +109,12 @@ async fn a_refused_request_does_not_use_its_key_up() {
         .expect_problem(422, "cloud_missing");
     let cloud_id = service.upload().await;
     // The key is forgotten in the background.
-    for _ in 0..500 {
-        let mended = keyed(
-            json_request("/v1/jobs", &json!({"cloud_id": cloud_id})),
-            "a",
-        );
-        if service.send(mended).await.status == 202 {
-            return;
-        }
-        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
-    }
-    panic!("the key was never forgotten");
+    until("the key is forgotten", PATIENCE, async || {
+        let job = json_request("/v1/jobs", &json!({"cloud_id": cloud_id}));
+        let answer = service.send(keyed(job, "a")).await;
+        (answer.status == 202).then_some(())
+    })
+    .await;
 }
 
 #[tokio::test]

@@ -1,11 +1,13 @@
 //! The API, asked in the same process unless a test says otherwise.
 
+mod addresses;
 mod clouds;
 pub(crate) mod contract;
 mod costs;
 mod door;
 mod edges;
 mod events;
+mod framing;
 mod idempotency;
 mod jobs;
 mod lists;

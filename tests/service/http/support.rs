@@ -2,11 +2,11 @@
 
 use std::future::Future;
 use std::io::Write;
-use std::time::Duration;
 
 use axum::Router;
 use axum::body::{Body, to_bytes};
-use axum::http::{HeaderMap, Request, StatusCode};
+use axum::http::header::HOST;
+use axum::http::{HeaderMap, HeaderValue, Request, StatusCode};
 use clap::Parser;
 use meshway::config::Config;
 use meshway::http::{App, AppState, router};
@@ -17,6 +17,8 @@ use tempfile::TempDir;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
+
+use crate::server::{PATIENCE, until};
 
 #[derive(Parser)]
 struct Flags {
@@ -137,8 +139,11 @@ impl Service {
         &self.app.store
     }
 
-    pub(crate) fn send(&self, request: Request<Body>) -> impl Future<Output = Answer> + use<> {
+    pub(crate) fn send(&self, mut request: Request<Body>) -> impl Future<Output = Answer> + use<> {
         let router = self.router.clone();
+        // As every client does.
+        let host = HeaderValue::from_static("localhost");
+        request.headers_mut().entry(HOST).or_insert(host);
         async move {
             let response = router.oneshot(request).await.unwrap();
             let (parts, body) = response.into_parts();
@@ -205,13 +210,7 @@ impl Service {
 
     /// Waits until the condition holds; what is dropped is tidied up in the background.
     pub(crate) async fn until(&self, what: &str, holds: impl Fn(&Self) -> bool) {
-        for _ in 0..500 {
-            if holds(self) {
-                return;
-            }
-            tokio::time::sleep(Duration::from_millis(10)).await;
-        }
-        panic!("never came true: {what}");
+        until(what, PATIENCE, async || holds(self).then_some(())).await;
     }
 }
 

@@ -1,12 +1,11 @@
 //! The service about itself: presets, limits, health, metrics, pages.
 
-use std::time::Duration;
-
 use meshway::jobs::{NewEvent, Record, Workers};
 use meshway::reconstruction::Phase;
 
 use crate::http::contract::expect_contract;
 use crate::http::support::Service;
+use crate::server::{PATIENCE, until};
 use crate::store::support::success;
 
 const BUSY: Workers = Workers {
@@ -29,6 +28,9 @@ async fn what_may_be_asked_for_is_told() {
     assert_eq!(limits["settings_bytes"], 65_536);
     assert_eq!(limits["decompression_ratio"], 100);
     assert_eq!(limits["wait_seconds"], 60);
+    assert_eq!(limits["least_points"], 16);
+    assert_eq!(limits["upload_bytes_per_second"], 1_024);
+    assert_eq!(limits["event_streams_per_client"], 500);
     // What the worker may use less what it needs besides.
     let grid = limits["grid_bytes"].as_u64().unwrap();
     assert!(grid < limits["worker_memory_bytes"].as_u64().unwrap() && grid > 1 << 30);
@@ -101,14 +103,12 @@ async fn prometheus_gets_every_name_and_no_job() {
     service.store().succeed(&claim, success()).await.unwrap();
     service.submit().await;
     // Counters follow the events, a moment later.
-    let mut text = String::new();
-    for _ in 0..500 {
-        text = scrape(&service).await;
-        if text.contains("meshway_jobs_finished_total{status=\"succeeded\",code=\"\"} 1") {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(10)).await;
-    }
+    let text = until("the end is counted", PATIENCE, async || {
+        let text = scrape(&service).await;
+        let line = "meshway_jobs_finished_total{status=\"succeeded\",code=\"\"} 1";
+        text.contains(line).then_some(text)
+    });
+    let text = text.await;
     for line in [
         "meshway_build_info{version=",
         "meshway_http_requests_total{method=\"POST\",route=\"/v1/jobs\",status=\"202\"} 2",
@@ -128,6 +128,14 @@ async fn prometheus_gets_every_name_and_no_job() {
         "meshway_storage_free_bytes ",
         "meshway_sse_streams 0",
         "meshway_database_busy_total 0",
+        "meshway_job_attempts_total{reason=\"lease_expired\"} 0",
+        "meshway_jobs_finished_total{status=\"failed\",code=\"out_of_memory\"} 0",
+        "process_cpu_seconds_total ",
+        "process_resident_memory_bytes ",
+        "process_virtual_memory_bytes ",
+        "process_open_fds ",
+        "process_max_fds ",
+        "process_start_time_seconds ",
         "# EOF",
     ] {
         assert!(text.contains(line), "{line} is missing in\n{text}");

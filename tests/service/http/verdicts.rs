@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::http::contract::{expect_contract, expect_named};
 use crate::http::support::{Service, json_request, sphere_xyz, tetrahedron};
-use crate::server::Folder;
+use crate::server::{Folder, PATIENCE, job_ended, until};
 use crate::wire::Connection;
 
 const MEMBERS: [&str; 4] = ["verdict", "verdict_reasons", "warnings", "mesh"];
@@ -71,9 +71,12 @@ fn success(report: Value) -> Success {
 async fn job_with(service: &Service, report: Value) -> String {
     let id = service.submit().await;
     let claim = service.claim().await;
-    let snapshot = NewMesh::new(4, 4, tetrahedron());
-    let snapshot = service.store().put_snapshot(&claim, 5, snapshot);
-    snapshot.await.unwrap();
+    let mesh = NewMesh::new(4, 4, tetrahedron());
+    let judged = mesh.clone().judged(Verdict::Doubtful);
+    for (evaluation, mesh) in [(5, mesh), (6, judged)] {
+        let snapshot = service.store().put_snapshot(&claim, evaluation, mesh);
+        snapshot.await.unwrap();
+    }
     let success = success(report);
     service.store().succeed(&claim, success).await.unwrap();
     format!("/v1/jobs/{id}")
@@ -144,10 +147,20 @@ async fn a_mesh_comes_with_its_verdict() {
             let answer = answer.expect(status);
             assert_eq!(answer.header("meshway-verdict"), verdict.name());
         }
-        // The verdict is on the result.
+        // Snapshots have their own, if any: that of the result says nothing of them.
         let snapshot = service.get(&format!("{path}/snapshots/5.ply")).await;
         let snapshot = snapshot.expect(200);
         assert!(!snapshot.headers.contains_key("meshway-verdict"));
+        let snapshot = service.get(&format!("{path}/snapshots/6.obj")).await;
+        assert_eq!(snapshot.expect(200).header("meshway-verdict"), "doubtful");
+        let snapshots = service.get(&format!("{path}/snapshots")).await.expect(200);
+        expect_contract(&snapshots, "get", "/v1/jobs/{id}/snapshots");
+        let verdicts = snapshots.json()["items"].as_array().unwrap().clone();
+        let verdicts: Vec<_> = verdicts
+            .iter()
+            .map(|item| item["verdict"].clone())
+            .collect();
+        assert_eq!(verdicts, [json!(null), json!("doubtful")]);
     }
 }
 
@@ -161,13 +174,10 @@ async fn what_a_wait_answers_has_it_too() {
             request.headers_mut().insert(name, value.parse().unwrap());
         }
         let answer = tokio::spawn(service.send(request));
-        let claim = loop {
-            let claim = service.store().claim("worker-0-1", 60_000).await.unwrap();
-            if let Some(claim) = claim {
-                break claim;
-            }
-            tokio::time::sleep(std::time::Duration::from_millis(10)).await;
-        };
+        let claim = until("a job is submitted", PATIENCE, async || {
+            service.store().claim("worker-0-1", 60_000).await.unwrap()
+        });
+        let claim = claim.await;
         let success = success(report(Verdict::Poor));
         service.store().succeed(&claim, success).await.unwrap();
         let answer = answer.await.unwrap().expect(200);
@@ -240,9 +250,9 @@ async fn a_served_job_shows_the_warnings_of_its_file_and_of_its_run() {
         .map(str::to_owned)
         .collect();
     let body = [upper[0].clone(), upper.join("\n")].join("\n");
-    let (body, wait) = ([body.as_bytes()], "Prefer: wait=60\r\n");
-    let answer = client.ask("POST /v1/jobs?preset=fast", wait, &body).await;
-    let job = answer.unwrap().json();
+    let body = [body.as_bytes()];
+    let answer = client.ask("POST /v1/jobs?preset=fast", "", &body).await;
+    let job = job_ended(&mut client, &answer.unwrap().json()).await;
     assert_eq!(job["status"], "succeeded", "{job}");
     expect_named("Job", &job);
     let link = job["links"]["report"].as_str().unwrap();

@@ -1,7 +1,5 @@
 //! Clients that wait for the end of their job.
 
-use std::time::Duration;
-
 use axum::body::Body;
 use axum::http::Request;
 use meshway::jobs::{NewMesh, Record, Success};
@@ -9,6 +7,7 @@ use serde_json::json;
 
 use crate::http::contract::expect_contract;
 use crate::http::support::{Service, json_request, tetrahedron};
+use crate::server::{PATIENCE, until};
 
 fn success() -> Success {
     Success {
@@ -104,13 +103,10 @@ async fn a_preference_that_is_not_understood_is_ignored() {
 }
 
 async fn claim_when_there(service: &Service) -> meshway::jobs::Claim {
-    for _ in 0..500 {
-        if let Some(claim) = service.store().claim("worker", 60_000).await.unwrap() {
-            return claim;
-        }
-        tokio::time::sleep(Duration::from_millis(10)).await;
-    }
-    panic!("no job was submitted");
+    until("a job is submitted", PATIENCE, async || {
+        service.store().claim("worker", 60_000).await.unwrap()
+    })
+    .await
 }
 
 #[tokio::test]

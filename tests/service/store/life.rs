@@ -1,5 +1,6 @@
 //! The life of a job: every legal way, and the refusal of every other.
 
+use std::collections::HashMap;
 use std::time::Duration;
 
 use meshway::jobs::{
@@ -95,6 +96,9 @@ async fn jobs_are_claimed_in_their_order() {
         bench.store.queue_position(&second.id).await.unwrap(),
         Some(2)
     );
+    let positions = bench.store.queue_positions().await.unwrap();
+    let expected = [(first.id.clone(), 1), (second.id.clone(), 2)];
+    assert_eq!(positions, HashMap::from(expected));
     assert_eq!(
         bench.store.oldest_queued().await.unwrap(),
         Some(first.created_at)
@@ -315,6 +319,20 @@ async fn the_third_failed_attempt_is_the_last_and_a_release_counts_for_none() {
         json!({"code": "worker_crashed", "signal": 9})
     );
     assert_eq!(events[5].attempt, 3);
+}
+
+#[tokio::test]
+async fn a_failure_that_is_sure_is_the_last_at_once() {
+    let bench = Bench::new().await;
+    let id = bench.submit().await.id;
+    let claim = bench.claim().await;
+    let reason = FailureReason::OutOfMemory { limit_bytes: 9 };
+    let failed = bench.store.attempt_failed(&id, claim.attempt, reason);
+    let job = failed.await.unwrap();
+    assert_eq!((job.status, job.failures), (Status::Failed, 1));
+    let error = job.error.unwrap();
+    assert_eq!(error.code, "out_of_memory");
+    assert!(error.detail.ends_with("; 1 attempt failed"), "{error:?}");
 }
 
 #[tokio::test]

@@ -7,7 +7,7 @@
 use std::fs::File;
 use std::path::PathBuf;
 
-use crate::folder::CLOUDS;
+use crate::folder::{CLOUDS, in_folder};
 use crate::http::AppState;
 use crate::http::upload::{Upload, blocking};
 use crate::http::wire::error::{ApiError, Result};
@@ -28,7 +28,8 @@ pub(in crate::http) async fn read(app: &AppState, upload: &Upload) -> Result<Sum
     let read = app
         .reader
         .read(spooled.file.path(), spooled.bytes, upload.hint);
-    Ok(read.await?)
+    read.await
+        .map_err(|error| upload.explain(ApiError::from(error)))
 }
 
 /// Turns an upload into a cloud. `false` if the same bytes were uploaded before.
@@ -54,11 +55,13 @@ pub(in crate::http) async fn keep(app: &AppState, upload: Upload) -> Result<(Clo
     let target = path(app, &new.sha256);
     let _shared = app.cloud_files.read().await;
     blocking(move || -> std::io::Result<()> {
+        let Some(folder) = target.parent() else {
+            return Ok(());
+        };
+        let folder = in_folder(folder, || File::open(folder))?;
         spooled.file.persist(&target)?;
-        // The file name must be durable before the row is.
-        target
-            .parent()
-            .map_or(Ok(()), |folder| File::open(folder)?.sync_all())
+        // The name must survive a loss of power before the row does.
+        folder.sync_all()
     })
     .await?
     .map_err(ApiError::internal)?;

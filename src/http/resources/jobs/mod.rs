@@ -5,6 +5,8 @@ pub(in crate::http) mod found;
 pub(in crate::http) mod request;
 pub(in crate::http) mod wait;
 
+use std::collections::HashMap;
+
 use axum::Json;
 use axum::extract::{Request, State};
 use axum::http::header::LINK;
@@ -111,10 +113,16 @@ pub(in crate::http) async fn list(
         .list_jobs(&filter, page.before.as_ref(), page.limit + 1)
         .await?;
     let PageOf { items, next } = page.cut(listed, |job| job.id.as_str());
-    let mut shown = Vec::with_capacity(items.len());
-    for job in &items {
-        shown.push(api::Job::new(job, position(&app, job).await?));
-    }
+    let waits = items.iter().any(|job| job.status == Status::Queued);
+    let places = if waits {
+        app.store.queue_positions().await?
+    } else {
+        HashMap::new()
+    };
+    let shown = items
+        .iter()
+        .map(|job| api::Job::new(job, places.get(&job.id).copied()))
+        .collect();
     let body = Json(api::Page {
         items: shown,
         next_cursor: next.cursor(),

@@ -13,6 +13,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use sha2::{Digest, Sha256};
 use tokio::sync::Semaphore;
 
+use crate::folder::in_folder;
 use crate::folder::names::{is_encoding, remove_files};
 use crate::http::resources::jobs::found::found;
 use crate::http::wire::download::{Content, hex};
@@ -194,6 +195,10 @@ impl Kept {
     /// The file, if this job has requested it before.
     fn used_by(&mut self, key: &Key, job: &JobId) -> Option<Encoded> {
         self.uses += 1;
+        // Somebody may have emptied the folder since.
+        if !self.files.get(key)?.file.path.exists() {
+            self.files.remove(key);
+        }
         let entry = self.files.get_mut(key)?;
         entry.jobs.contains(job).then(|| {
             entry.last_use = self.uses;
@@ -261,8 +266,8 @@ fn refused(error: io::Error) -> ApiError {
 }
 
 fn encode_to_file(ply: &[u8], format: Format, folder: &Path, name: &str) -> io::Result<Encoded> {
-    fs::create_dir_all(folder)?;
-    let mut file = Hashing::new(tempfile::NamedTempFile::new_in(folder)?);
+    let file = in_folder(folder, || tempfile::NamedTempFile::new_in(folder))?;
+    let mut file = Hashing::new(file);
     encode(ply, format, &mut file)?;
     let path = folder.join(name);
     file.inner.persist(&path).map_err(|error| error.error)?;

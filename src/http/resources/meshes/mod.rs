@@ -141,6 +141,11 @@ pub(in crate::http) async fn respond(
 ) -> Result<Response> {
     let mesh = app.store.mesh_info(&job.id, evaluation).await?;
     let mesh = mesh.ok_or_else(|| ApiError::not_found("mesh"))?;
+    // That on a result is in its report, that on a snapshot came with it.
+    let verdict = match evaluation {
+        0 => job.report.as_ref().and_then(Verdict::of),
+        _ => mesh.verdict,
+    };
     let (content, sha256) = if format == Format::PlyBinary {
         let (store, sha256) = (app.store.clone(), mesh.sha256.clone());
         (Content::Stored { store, mesh }, sha256)
@@ -158,9 +163,8 @@ pub(in crate::http) async fn respond(
         file_name: format!("{stem}.{}", format.extension()),
     };
     match download.respond(headers).await {
-        Ok(response) if evaluation == 0 => Ok(judged(response, job)),
-        Ok(response) => Ok(response),
-        // If the job was erased meanwhile, that is the reason for the error.
+        Ok(response) => Ok(judged(response, verdict)),
+        // The bytes are gone where the job was erased since it was found.
         Err(error) => found(app.store.job(&job.id).await?).and(Err(error)),
     }
 }
@@ -201,9 +205,9 @@ fn no_format() -> ApiError {
     ApiError::new(Code::NotFound, format!("the formats are {endings}"))
 }
 
-/// Adds the verdict of the report, if there is one.
-fn judged(mut response: Response, job: &Job) -> Response {
-    if let Some(verdict) = job.report.as_ref().and_then(Verdict::of) {
+/// A mesh with the verdict on it, where there is one.
+fn judged(mut response: Response, verdict: Option<Verdict>) -> Response {
+    if let Some(verdict) = verdict {
         let verdict = HeaderValue::from_static(verdict.name());
         response.headers_mut().insert(VERDICT, verdict);
     }
@@ -239,6 +243,7 @@ fn describe<'a>(job: &Job, mesh: &'a MeshInfo) -> api::Snapshot<'a> {
         bytes: mesh.bytes,
         sha256: &mesh.sha256,
         created_at: api::Time(mesh.created_at),
+        verdict: mesh.verdict,
         links: links.into_iter().collect(),
     }
 }

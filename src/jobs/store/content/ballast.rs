@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use crate::folder::Space;
 
 /// Its file in the data folder.
-const FILE: &str = "ballast";
+pub const BALLAST_FILE: &str = "ballast";
 
 /// Bytes that are written at a time.
 static BLOCK: [u8; 64 * 1024] = [0; 64 * 1024];
@@ -23,7 +23,7 @@ impl Ballast {
     /// One of so many bytes; of none, there is no file.
     pub(in crate::jobs::store) fn new(data_dir: &Path, bytes: u64) -> Self {
         let ballast = Self {
-            path: data_dir.join(FILE),
+            path: data_dir.join(BALLAST_FILE),
             bytes,
         };
         ballast.fill();

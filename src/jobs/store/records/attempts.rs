@@ -42,6 +42,7 @@ impl Store {
                     vertices: mesh.vertices,
                     triangles: mesh.triangles,
                     bytes: mesh.data.len() as u64,
+                    verdict: mesh.verdict,
                 };
                 tx.append_event(&id, &event).await
             })

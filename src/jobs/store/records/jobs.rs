@@ -1,5 +1,7 @@
 //! Jobs as clients see them: submitted, found, listed, cancelled, erased.
 
+use std::collections::HashMap;
+
 use sqlx::sqlite::{Sqlite, SqliteRow};
 use sqlx::{Executor, Row};
 
@@ -25,7 +27,7 @@ macro_rules! list {
               AND (?3 IS NULL OR cloud_id = ?3)
               AND (?4 IS NULL OR created_at > ?4)
               AND (?5 IS NULL OR EXISTS (SELECT 1 FROM json_each(jobs.labels)
-                                         WHERE key = ?5 AND value = ?6))
+                                         WHERE key || ':' || value = ?5 || ':' || ?6))
               ORDER BY id DESC LIMIT ?7"
         )
     };
@@ -62,6 +64,22 @@ impl Store {
     /// Place of a waiting job in the queue, 1 for the next one; none when it does not wait.
     pub async fn queue_position(&self, id: &JobId) -> Result<Option<u64>> {
         position(self.readers(), id).await
+    }
+
+    /// The places of all waiting jobs, for lists: counting for each of them would read the queue as often.
+    ///
+    /// # Errors
+    /// As every read.
+    pub async fn queue_positions(&self) -> Result<HashMap<JobId, u64>> {
+        let rows =
+            sqlx::query("SELECT id FROM jobs WHERE status = 'queued' ORDER BY created_at, id")
+                .fetch_all(self.readers())
+                .await?;
+        let place = |(before, row): (u64, &SqliteRow)| -> Result<_> {
+            let id: JobId = Columns::new("jobs", row).parsed("id")?;
+            Ok((id, before + 1))
+        };
+        (0..).zip(&rows).map(place).collect()
     }
 
     /// A page of jobs, newest first; `before` is the last one of the page before it.

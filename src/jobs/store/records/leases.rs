@@ -300,7 +300,7 @@ impl Transaction<'_> {
             .await?;
         let outcome = if job.cancel_requested {
             Outcome::Cancelled
-        } else if failures >= self.options.max_failures {
+        } else if failures >= self.options.max_failures || reason.is_sure() {
             Outcome::Failed(reason.problem(failures))
         } else {
             Outcome::Requeued(Requeue::Failed(reason.clone()))

@@ -6,7 +6,7 @@ use super::row::{Columns, integer};
 use crate::jobs::store::Store;
 use crate::jobs::store::content::objects::Kept;
 use crate::jobs::store::sqlite::writer::Transaction;
-use crate::jobs::{JobId, NewMesh, Result};
+use crate::jobs::{JobId, NewMesh, Result, Verdict};
 
 /// A mesh without its bytes.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -25,6 +25,8 @@ pub struct MeshInfo {
     pub sha256: String,
     /// When it was written, in milliseconds since the epoch.
     pub created_at: i64,
+    /// How far a snapshot can be relied on, where that was told with it.
+    pub verdict: Option<Verdict>,
 }
 
 impl Store {
@@ -95,8 +97,8 @@ impl Transaction<'_> {
         }
         sqlx::query(
             "INSERT INTO meshes (job_id, evaluation, vertices, triangles, bytes, sha256,
-                 created_at, object)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+                 created_at, object, verdict)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
         )
         .bind(id.as_str())
         .bind(integer(evaluation))
@@ -106,6 +108,7 @@ impl Transaction<'_> {
         .bind(&mesh.sha256)
         .bind(self.now)
         .bind(&object.key)
+        .bind(mesh.verdict.map(Verdict::name))
         .execute(&mut *self.db)
         .await?;
         Ok(())
@@ -140,5 +143,8 @@ fn mesh_of(row: &SqliteRow) -> Result<MeshInfo> {
         bytes: columns.count("bytes")?,
         sha256: columns.get("sha256")?,
         created_at: columns.get("created_at")?,
+        verdict: columns
+            .get::<Option<&str>>("verdict")?
+            .and_then(Verdict::from_name),
     })
 }

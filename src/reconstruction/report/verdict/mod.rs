@@ -6,10 +6,16 @@
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::reconstruction::cloud::PointCloud;
+use crate::reconstruction::mesh::{TriangleMesh, closest_to_each};
 use crate::reconstruction::observer::Warning;
+use crate::reconstruction::plan::Plan;
+use crate::reconstruction::quality::describe;
+use crate::reconstruction::sampling::Prepared;
 
-use super::evidence::{Evidence, Fit};
+use super::evidence::{Evidence, Fit, Measured};
 use super::surface::UNSUPPORTED;
+use super::{CloudReport, SurfaceReport};
 
 /// How far a mesh can be relied on; the better, the lower.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -94,6 +100,27 @@ pub(super) fn judge(evidence: &Evidence<'_>) -> (Verdict, Vec<Warning>) {
     reasons.sort_by_key(|reason| std::cmp::Reverse(reason.verdict));
     let worst = reasons.first().map_or(Verdict::Good, |r| r.verdict);
     (worst, reasons.into_iter().map(|r| r.warning).collect())
+}
+
+/// How far a mesh can be relied on, where the rest of its report is not asked for.
+pub(in crate::reconstruction) fn verdict_on(
+    cloud: &PointCloud,
+    plan: &Plan<'_>,
+    prepared: &Prepared,
+    mesh: &TriangleMesh,
+    surface: &SurfaceReport,
+) -> Verdict {
+    let points = super::used_points(cloud, prepared);
+    let closest = closest_to_each(mesh, &points).unwrap_or_default();
+    let measured = Measured {
+        points: &points,
+        closest: &closest,
+        trained: prepared.surface.len(),
+    };
+    let described = describe(mesh);
+    let cloud_report = CloudReport::new(prepared, plan);
+    let evidence = Evidence::new((mesh, &described), measured, &cloud_report, surface);
+    judge(&evidence).0
 }
 
 /// The verdict of a `value` that speaks against a mesh from `doubtful` on, and strongly from `poor` on.
