@@ -101,8 +101,14 @@ async fn answers_about_clouds_are_found_in_older_databases() {
     let folder = tempfile::tempdir().unwrap();
     let mut db = database(folder.path(), &SECOND).await;
     let (here, erased) = (CloudId::new(), CloudId::new());
-    sqlx::query("INSERT INTO clouds VALUES (?1, 'a', 1, 'xyz', 20, '{}', 1)")
+    let summary = json!({
+        "format": "xyz", "gzipped": false, "points": 20, "normals": false, "dropped_non_finite": 0, "warnings": [],
+        "bounds": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0]},
+        "labels": {"surface": 20, "interior": 0, "exterior": 0},
+    });
+    sqlx::query("INSERT INTO clouds VALUES (?1, 'a', 1, 'xyz', 20, ?2, 1)")
         .bind(here.as_str())
+        .bind(summary.to_string())
         .execute(&mut db)
         .await
         .unwrap();
