@@ -15,7 +15,9 @@
 
 pub mod cli;
 pub mod config;
+pub mod folder;
 pub mod http;
+pub mod intake;
 pub mod jobs;
 pub mod reconstruction;
 

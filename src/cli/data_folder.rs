@@ -12,15 +12,8 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::Path;
 
 use super::Failure;
-use crate::http::own_files;
+use crate::folder::{CACHE, CLOUDS, UPLOADS, names as own_files};
 use crate::jobs::{Store, store};
-
-/// Folder of the uploaded bytes, by their SHA-256.
-const CLOUDS: &str = "clouds";
-/// Folder of uploads under way.
-const UPLOADS: &str = "tmp";
-/// Folder of encoded meshes.
-const CACHE: &str = "cache";
 
 /// File that the server of the folder holds.
 const LOCK: &str = "lock";

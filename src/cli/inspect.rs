@@ -7,7 +7,7 @@ use rustix::process::{Resource, Rlimit, setrlimit};
 
 use super::Failure;
 use super::files::{Sink, read};
-use crate::http::inspect::{Verdict, inspect, limits};
+use crate::intake::{Verdict, inspect, limits};
 use crate::reconstruction::cloud::Format;
 
 /// Arguments of `meshway inspect`.

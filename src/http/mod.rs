@@ -4,42 +4,13 @@
 //! has a file. Handlers know neither SQL nor tensors: they read rows through [`crate::jobs`] and
 //! write JSON. Everything that can go wrong leaves as a problem of `error`.
 
-mod accept;
-mod bodies;
-mod cloud_files;
-mod clouds;
-mod disk;
-mod docs;
-mod download;
-pub mod error;
-mod events;
-mod extract;
-mod feed;
-mod field;
-mod gauges;
-mod idempotency;
-pub mod inspect;
-mod job_json;
-mod job_request;
-mod jobs;
-mod mesh_cache;
-mod meshes;
-mod observe;
-mod origin;
-pub mod own_files;
-mod page;
-mod places;
-mod rendition;
-mod results;
-mod server;
-mod spool;
+mod door;
+mod resources;
 mod state;
 mod system;
 mod telemetry;
-mod time;
-mod training;
 mod upload;
-mod wait;
+mod wire;
 
 use std::time::Duration;
 
@@ -53,18 +24,19 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, MethodRouter, on};
 
 use crate::config::Config;
-use error::{ApiError, Code};
+use door::{observe, origin};
+use resources::{clouds, events, field, jobs, meshes, series};
 use tower::util::option_layer;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{Predicate, SizeAbove};
 use tower_http::cors::{AllowHeaders, CorsLayer};
+use wire::error::{ApiError, Code};
 
-pub use disk::{Disk, Space};
-pub use docs::OPENAPI;
-pub use server::serve;
+pub use door::server::serve;
 pub use state::{App, AppState};
-
+pub use system::docs::OPENAPI;
 pub use telemetry::Telemetry;
+pub use wire::error;
 
 /// How long a browser may remember what a page of another origin may ask.
 const PREFLIGHT: Duration = Duration::from_mins(10);
@@ -118,8 +90,8 @@ fn results() -> Vec<Operation> {
     vec![
         get("/v1/events", events::of_all),
         get("/v1/jobs/{id}/events", events::of_job),
-        get("/v1/jobs/{id}/metrics", training::metrics),
-        get("/v1/jobs/{id}/gradients", training::gradients),
+        get("/v1/jobs/{id}/metrics", series::metrics),
+        get("/v1/jobs/{id}/gradients", series::gradients),
         get("/v1/jobs/{id}/mesh", meshes::negotiated),
         get("/v1/jobs/{id}/mesh.{format}", meshes::result),
         get("/v1/jobs/{id}/mask.nii.gz", meshes::mask),

@@ -6,14 +6,15 @@ use std::sync::{Arc, PoisonError};
 use tokio::sync::{RwLock, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 
-use super::bodies::Bodies;
-use super::disk::Disk;
-use super::error::{ApiError, Code, Result};
-use super::feed::Feed;
-use super::gauges::Gauges;
-use super::mesh_cache::MeshCache;
-use super::telemetry::Telemetry;
 use crate::config::Config;
+use crate::folder::{CACHE, CLOUDS, Disk, UPLOADS};
+use crate::http::resources::events::feed::Feed;
+use crate::http::resources::meshes::cache::MeshCache;
+use crate::http::telemetry::Telemetry;
+use crate::http::telemetry::gauges::Gauges;
+use crate::http::upload::bodies::Bodies;
+use crate::http::wire::error::{ApiError, Code, Result};
+use crate::intake::Reader;
 use crate::jobs::{Store, Workers};
 
 /// Shared by all requests.
@@ -36,34 +37,23 @@ pub struct App {
     pub shutdown: CancellationToken,
     /// When the service started, in milliseconds since the epoch.
     pub started_at: i64,
-    /// Memory, in KiB, for the uploads that this process parses at the same time.
-    pub(super) parsing: Arc<Semaphore>,
-    /// Bytes, in KiB, of the uploads that children parse at the same time.
-    pub(super) children: Arc<Semaphore>,
+    /// Reads uploads.
+    pub(in crate::http) reader: Reader,
     /// Memory for bodies that are gathered.
-    pub(super) bodies: Bodies,
+    pub(in crate::http) bodies: Bodies,
     /// Shared by uploads, taken alone by erasing: see `cloud_files`.
-    pub(super) cloud_files: RwLock<()>,
-    /// This program, of which a child reads large files.
-    pub(super) program: PathBuf,
+    pub(in crate::http) cloud_files: RwLock<()>,
     /// New events, for streams.
-    pub(super) feed: Feed,
+    pub(in crate::http) feed: Feed,
     /// Jobs, workers and storage, for Prometheus.
-    pub(super) gauges: Arc<Gauges>,
+    pub(in crate::http) gauges: Arc<Gauges>,
     /// Meshes as files, for downloads.
-    pub(super) meshes: Arc<MeshCache>,
+    pub(in crate::http) meshes: Arc<MeshCache>,
     /// Training series that may be written out at the same time.
-    pub(super) series: Semaphore,
+    pub(in crate::http) series: Semaphore,
     /// Requests for values of a field that may be computed at the same time.
-    pub(super) evaluations: Semaphore,
+    pub(in crate::http) evaluations: Semaphore,
 }
-
-/// Memory for the uploads that this process parses at the same time, in KiB.
-pub(super) const PARSED_KIB: u32 = 96 * 1024;
-
-/// Most bytes of uploads, unpacked, that children parse at the same time, in KiB: a parsed cloud
-/// takes up to about 20 times its file.
-pub(super) const CHILDREN_KIB: u32 = 64 * 1024;
 
 impl App {
     /// The state of a service over an open store; `program` is the `meshway` to start children of.
@@ -89,16 +79,18 @@ impl App {
         Arc::new(Self {
             feed,
             gauges,
-            meshes: Arc::new(MeshCache::new(config.data_dir.join("cache"))),
+            meshes: Arc::new(MeshCache::new(config.data_dir.join(CACHE))),
             series: Semaphore::new(4),
             evaluations: Semaphore::new(1),
-            disk: Disk::new(&config),
+            disk: Disk::new(
+                config.data_dir.clone(),
+                config.disk_reserve_mib,
+                config.disk_reserve_percent.into(),
+            ),
             telemetry,
             started_at: store.now(),
             cloud_files: RwLock::new(()),
-            program,
-            parsing: Arc::new(Semaphore::new(PARSED_KIB as usize)),
-            children: Arc::new(Semaphore::new(CHILDREN_KIB as usize)),
+            reader: Reader::new(config.max_points, config.body_limit_bytes(), program),
             bodies: Bodies::default(),
             store,
             config,
@@ -111,12 +103,12 @@ impl App {
     ///
     /// # Errors
     /// [`Code::Draining`] while the service stops, [`Code::InsufficientStorage`] below the reserve.
-    pub(super) fn check_accepting(&self) -> Result<()> {
+    pub(in crate::http) fn check_accepting(&self) -> Result<()> {
         if self.shutdown.is_cancelled() {
             let detail = "the service is about to stop; another one may take over";
             return Err(ApiError::new(Code::Draining, detail).retry_after(10));
         }
-        self.disk.check(0)
+        Ok(self.disk.check(0)?)
     }
 
     /// Makes the folders of the data folder; to be called before the first upload.
@@ -124,7 +116,7 @@ impl App {
     /// # Errors
     /// When a folder cannot be made.
     pub fn make_folders(config: &Config) -> std::io::Result<()> {
-        for folder in ["clouds", "tmp", "cache"] {
+        for folder in [CLOUDS, UPLOADS, CACHE] {
             std::fs::create_dir_all(config.data_dir.join(folder))?;
         }
         Ok(())

@@ -15,6 +15,8 @@ const ROOMS: &[Room] = &[
         refused: &[
             "crate::cli",
             "crate::config",
+            "crate::folder",
+            "crate::intake",
             "crate::jobs",
             "crate::http",
             "tokio",
@@ -34,9 +36,39 @@ const ROOMS: &[Room] = &[
         ],
     },
     Room {
+        place: "src/folder",
+        refused: &[
+            "crate::cli",
+            "crate::config",
+            "crate::intake",
+            "crate::jobs",
+            "crate::http",
+            "tokio",
+            "sqlx",
+            "axum",
+            "tch",
+        ],
+    },
+    Room {
+        place: "src/intake",
+        refused: &[
+            "crate::cli",
+            "crate::config",
+            "crate::jobs",
+            "crate::http",
+            "sqlx",
+            "axum",
+            "tch",
+            "println!",
+            "eprintln!",
+        ],
+    },
+    Room {
         place: "src/config",
         refused: &[
             "crate::cli",
+            "crate::folder",
+            "crate::intake",
             "crate::jobs",
             "crate::http",
             "sqlx",
@@ -68,6 +100,45 @@ const ROOMS: &[Room] = &[
             "std::env",
             "println!",
         ],
+    },
+    Room {
+        place: "src/http/wire",
+        refused: &[
+            "crate::http::door",
+            "crate::http::telemetry",
+            "crate::http::upload",
+            "crate::http::resources",
+            "crate::http::system",
+        ],
+    },
+    Room {
+        place: "src/http/telemetry",
+        refused: &[
+            "crate::http::door",
+            "crate::http::upload",
+            "crate::http::resources",
+            "crate::http::system",
+        ],
+    },
+    Room {
+        place: "src/http/door",
+        refused: &[
+            "crate::http::upload",
+            "crate::http::resources",
+            "crate::http::system",
+        ],
+    },
+    Room {
+        place: "src/http/upload",
+        refused: &[
+            "crate::http::door",
+            "crate::http::resources",
+            "crate::http::system",
+        ],
+    },
+    Room {
+        place: "src/http/resources",
+        refused: &["crate::http::system"],
     },
     Room {
         place: "src/cli",

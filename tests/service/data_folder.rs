@@ -10,7 +10,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use tempfile::TempDir;
 
-use crate::http_support::sphere_xyz;
+use crate::http::support::sphere_xyz;
 use crate::server::{Folder, PROGRAM, Server};
 use crate::wire::Connection as Client;
 

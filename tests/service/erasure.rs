@@ -9,7 +9,7 @@ use meshway::jobs::{Claim, NewMesh, Record, Success};
 use meshway::reconstruction::mesh::{TriangleMesh, write};
 use serde_json::json;
 
-use crate::http_support::{Answer, Service, gzip, sphere_xyz, upload_request};
+use crate::http::support::{Answer, Service, gzip, sphere_xyz, upload_request};
 use crate::server::{Folder, PATIENCE, Server, until};
 use crate::wire::Connection;
 

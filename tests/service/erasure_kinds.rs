@@ -9,7 +9,7 @@ use meshway::jobs::{NewEvent, NewMesh, Options, Record, Store, Success};
 use serde_json::{Value, json};
 
 use crate::erasure::holds;
-use crate::http_support::{Service, sphere_xyz, upload_request};
+use crate::http::support::{Service, sphere_xyz, upload_request};
 use crate::server::{PATIENCE, until};
 
 /// What is searched for; each kind of content has one of its own.

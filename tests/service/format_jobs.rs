@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use meshway::reconstruction::mesh::read;
 use serde_json::{Value, json};
 
-use crate::http_contract::expect_named;
-use crate::http_support::{gzip, sphere, sphere_xyz};
+use crate::http::contract::expect_named;
+use crate::http::support::{gzip, sphere, sphere_xyz};
 use crate::server::{Folder, Server};
 use crate::wire::{Answer, Connection};
 

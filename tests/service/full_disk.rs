@@ -8,7 +8,7 @@ use std::process::Command;
 use meshway::jobs::Status;
 use serde_json::json;
 
-use crate::http_support::sphere_xyz;
+use crate::http::support::sphere_xyz;
 use crate::server::{Folder, PATIENCE, until};
 use crate::wire::Connection;
 

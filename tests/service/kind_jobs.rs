@@ -8,7 +8,7 @@ use meshway::reconstruction::shapes::{Recipe, Shape, sample};
 use meshway::reconstruction::vector::Vec3;
 use serde_json::{Value, json};
 
-use crate::http_support::sphere;
+use crate::http::support::sphere;
 use crate::server::{Folder, PROGRAM, Server};
 use crate::wire::Connection;
 

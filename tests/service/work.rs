@@ -9,7 +9,7 @@ use meshway::reconstruction::Phase;
 use rustix::process::{Signal, kill_process};
 use serde_json::json;
 
-use crate::http_contract::expect_named;
+use crate::http::contract::expect_named;
 use crate::server::{Folder, PATIENCE, PROGRAM, until};
 
 /// Cancelled work ends within so long: two seconds are promised; the machine may be busy.

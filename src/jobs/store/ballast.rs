@@ -5,6 +5,8 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use crate::folder::Space;
+
 /// Its file in the data folder.
 const FILE: &str = "ballast";
 
@@ -43,8 +45,7 @@ impl Ballast {
 
     fn has_room(&self) -> bool {
         let folder = self.path.parent().unwrap_or(Path::new("."));
-        rustix::fs::statvfs(folder)
-            .is_ok_and(|disk| disk.f_bavail * disk.f_frsize >= 2 * self.bytes)
+        Space::around(folder).is_ok_and(|space| space.free_bytes >= 2 * self.bytes)
     }
 
     /// Gives the room away; whether there was any.

@@ -14,6 +14,7 @@ use super::progress::Pending;
 use super::sink::{Message, Sink};
 use super::work::{Assignment, Failure, encode};
 use super::{End, Worker, lease};
+use crate::folder::CLOUDS;
 use crate::jobs::{Claim, Error, FailureReason, Lookup, NewMesh, Problem, Record, Result, Success};
 use crate::reconstruction::in_pool;
 
@@ -94,7 +95,7 @@ impl<'a> Attempt<'a> {
         let checkpoint = store.checkpoint(&job.id).await.map_err(Failure::internal)?;
         let options = &self.worker.options;
         let assignment = Assignment {
-            file: options.data_dir.join("clouds").join(&cloud.sha256),
+            file: options.data_dir.join(CLOUDS).join(&cloud.sha256),
             cloud,
             settings: job.settings.clone(),
         };

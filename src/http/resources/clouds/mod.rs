@@ -1,0 +1,167 @@
+//! Clouds: uploaded, listed, described, fetched, erased.
+
+pub(in crate::http) mod files;
+
+use axum::Json;
+use axum::extract::{Request, State};
+use axum::http::header::{LINK, LOCATION};
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::{IntoResponse, Response};
+use serde_json::{Value, json};
+
+use crate::http::AppState;
+use crate::http::upload::{Payload, receive};
+use crate::http::wire::download::{Content, Download};
+use crate::http::wire::error::{ApiError, Code, Result};
+use crate::http::wire::extract::{Id, NoQuery, Query};
+use crate::http::wire::idempotency::{self, Begun};
+use crate::http::wire::page::{Page, PageOf};
+use crate::http::wire::time::rfc3339;
+use crate::jobs::{Cloud, CloudDeletion, CloudId, Subject};
+use crate::reconstruction::space::Frame;
+
+/// `POST /v1/clouds`: 201, or 200 when the same bytes are here already.
+pub(in crate::http) async fn create(
+    State(app): State<AppState>,
+    _: NoQuery,
+    request: Request,
+) -> Result<Response> {
+    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    key.admit(&app).await?;
+    let Payload::File(upload, None) = receive(&app, request).await? else {
+        let detail = "send a point cloud, raw or as the only part, file, of a form";
+        return Err(ApiError::new(Code::UnsupportedFormat, detail));
+    };
+    key.content(upload.spooled.sha256.as_bytes());
+    let attempt = match key.begin(&app).await? {
+        Begun::Replay(response) => return Ok(response),
+        Begun::New(attempt) => attempt,
+    };
+    let (cloud, created) = files::keep(&app, upload).await?;
+    let status = if created {
+        StatusCode::CREATED
+    } else {
+        StatusCode::OK
+    };
+    let location = [(LOCATION, format!("/v1/clouds/{}", cloud.id))];
+    let response = (status, location, Json(represent(&cloud))).into_response();
+    attempt.keep(response, Some(Subject::Cloud(cloud.id))).await
+}
+
+/// `GET /v1/clouds`: newest first.
+pub(in crate::http) async fn list(
+    State(app): State<AppState>,
+    uri: Uri,
+    mut query: Query,
+) -> Result<Response> {
+    let page = Page::<CloudId>::of(&mut query);
+    query.finish()?;
+    let page = page?;
+    let found = app
+        .store
+        .list_clouds(page.before.as_ref(), page.limit + 1)
+        .await?;
+    let PageOf { items, next } = page.cut(found, |cloud| cloud.id.as_str());
+    let items: Vec<Value> = items.iter().map(represent).collect();
+    let body = Json(json!({"items": items, "next_cursor": next.cursor()}));
+    Ok(match next.link(&uri) {
+        Some(link) => ([(LINK, link)], body).into_response(),
+        None => body.into_response(),
+    })
+}
+
+/// `GET /v1/clouds/{id}`.
+pub(in crate::http) async fn show(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Id(id): Id<CloudId>,
+) -> Result<Json<Value>> {
+    Ok(Json(represent(&find(&app, &id).await?)))
+}
+
+/// `GET /v1/clouds/{id}/content`: the bytes as they were uploaded.
+pub(in crate::http) async fn content(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Id(id): Id<CloudId>,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let cloud = find(&app, &id).await?;
+    let gzipped = cloud.summary["gzipped"] == json!(true);
+    let ending = if gzipped { ".gz" } else { "" };
+    let download = Download {
+        content: Content::File {
+            path: files::path(&app, &cloud.sha256),
+            bytes: cloud.bytes,
+        },
+        sha256: cloud.sha256,
+        media_type: "application/octet-stream",
+        file_name: format!("{}.{}{ending}", cloud.id, cloud.format),
+    };
+    download.respond(&headers).await
+}
+
+/// `DELETE /v1/clouds/{id}`.
+pub(in crate::http) async fn erase(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Id(id): Id<CloudId>,
+) -> Result<StatusCode> {
+    match files::erase(&app, &id).await? {
+        CloudDeletion::Deleted(_) => Ok(StatusCode::NO_CONTENT),
+        CloudDeletion::InUse => Err(ApiError::new(
+            Code::CloudInUse,
+            "a job that waits or runs needs the cloud; cancel the job first",
+        )
+        .retry_after(10)),
+        CloudDeletion::Missing => Err(absent(&app, &id).await),
+    }
+}
+
+async fn find(app: &AppState, id: &CloudId) -> Result<Cloud> {
+    match app.store.cloud(id).await? {
+        Some(cloud) => Ok(cloud),
+        None => Err(absent(app, id).await),
+    }
+}
+
+/// Why there is no such cloud: it was erased, or never here.
+async fn absent(app: &AppState, id: &CloudId) -> ApiError {
+    match app.store.cloud_tombstone(id).await {
+        Ok(Some(tombstone)) => ApiError::gone("cloud", &tombstone),
+        Ok(None) => ApiError::not_found("cloud"),
+        Err(error) => error.into(),
+    }
+}
+
+/// A cloud as JSON: its columns, and what its reading found.
+fn represent(cloud: &Cloud) -> Value {
+    let summary = |name: &str| cloud.summary.get(name).cloned().unwrap_or_default();
+    // Clouds of earlier versions have none of the two.
+    let or_unknown = |name: &str| match summary(name) {
+        Value::Null => json!(Frame::Unknown),
+        known => known,
+    };
+    let url = format!("/v1/clouds/{}", cloud.id);
+    json!({
+        "id": cloud.id,
+        "sha256": cloud.sha256,
+        "bytes": cloud.bytes,
+        "format": cloud.format,
+        "gzipped": summary("gzipped"),
+        "points": cloud.points,
+        "bounds": summary("bounds"),
+        "normals": summary("normals"),
+        "labels": summary("labels"),
+        "frame": or_unknown("frame"),
+        "unit": or_unknown("unit"),
+        "dropped_non_finite": summary("dropped_non_finite"),
+        "warnings": summary("warnings"),
+        "created_at": rfc3339(cloud.created_at),
+        "links": {
+            "self": url,
+            "content": format!("{url}/content"),
+            "jobs": format!("/v1/jobs?cloud_id={}", cloud.id),
+        },
+    })
+}

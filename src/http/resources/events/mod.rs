@@ -1,0 +1,387 @@
+//! Event streams (server-sent events), of one job and of all, and the same events as JSON pages.
+
+pub(in crate::http) mod feed;
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::header::{ACCEPT, CACHE_CONTROL, CONTENT_TYPE, LINK};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use bytes::Bytes;
+use futures_util::stream;
+use serde_json::{Value, json};
+use tokio::sync::broadcast::error::RecvError;
+use tokio::time::Instant;
+
+use crate::http::AppState;
+use crate::http::door::places::Peer;
+use crate::http::resources::events::feed::{Listener, News};
+use crate::http::resources::jobs::found::found;
+use crate::http::resources::jobs::representation::represent;
+use crate::http::wire::error::{ApiError, Result, problem_of};
+use crate::http::wire::extract::{Id, Query, text};
+use crate::http::wire::time::rfc3339;
+use crate::jobs::{Event, Job, JobId, Lookup, Problem, Status};
+
+/// Time after which a client that lost its connection should come back, in milliseconds.
+const RETRY_MILLISECONDS: u32 = 2_000;
+
+/// Time without a frame after which a comment tells proxies that the stream lives.
+const SILENCE: Duration = Duration::from_secs(15);
+
+/// Events that a stream reads at once: what it may hold in memory.
+const PAGE: u32 = 100;
+
+/// Most events of a JSON page.
+pub(in crate::http) const MAX_LIMIT: u32 = 1_000;
+
+/// GET /v1/jobs/{id}/events
+pub(in crate::http) async fn of_job(
+    State(app): State<AppState>,
+    Id(id): Id<JobId>,
+    query: Query,
+    peer: Option<Extension<Peer>>,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let asked = Asked::of(query, &headers)?;
+    let job = found(app.store.job(&id).await?)?;
+    if wants_json(&headers) {
+        return page(&app, Some(&job), &asked).await;
+    }
+    let newest = job.events;
+    let after = match asked.after {
+        After::Anything => Some(0),
+        After::Event(id) => Some(id).filter(|id| (0..=newest).contains(id)),
+        After::Unknown => None,
+    };
+    if job.status.is_final() && after == Some(newest) {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let reset = || Reset {
+        newest,
+        state: json!({"oldest": 1, "newest": newest, "job": represent(&job, None)}),
+        ended: job.status.is_final(),
+    };
+    open(app, (Some(id), peer), after.ok_or_else(reset)).await
+}
+
+/// GET /v1/events
+pub(in crate::http) async fn of_all(
+    State(app): State<AppState>,
+    query: Query,
+    peer: Option<Extension<Peer>>,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let asked = Asked::of(query, &headers)?;
+    if wants_json(&headers) {
+        return page(&app, None, &asked).await;
+    }
+    let newest = app.store.last_seq().await?;
+    let after = match asked.after {
+        After::Anything => Ok(newest),
+        After::Event(id) if (0..=newest).contains(&id) => Ok(id),
+        After::Event(_) | After::Unknown => {
+            let first = app.store.all_events_after(0, 1).await?;
+            let oldest = first.first().map_or(0, |event| event.seq);
+            let counts = app.store.counts().await?;
+            let counts = Status::ALL.map(|status| (status.name(), counts.get(status)));
+            let counts: std::collections::BTreeMap<_, _> = counts.into_iter().collect();
+            Err(Reset {
+                newest,
+                state: json!({"oldest": oldest, "newest": newest, "jobs": counts}),
+                ended: false,
+            })
+        }
+    };
+    open(app, (None, peer), after).await
+}
+
+/// Where to continue.
+#[derive(Clone, Copy)]
+enum After {
+    /// The client does not say.
+    Anything,
+    /// After this event.
+    Event(i64),
+    /// After something that is no id of ours.
+    Unknown,
+}
+
+/// Where to continue, and how much at once.
+struct Asked {
+    after: After,
+    limit: u32,
+}
+
+impl Asked {
+    /// `Last-Event-ID`, which a browser sends by itself, wins over the address it was given.
+    fn of(mut query: Query, headers: &HeaderMap) -> Result<Self> {
+        let after = query.take("after", text::<i64>);
+        let limit = query.take("limit", |value| {
+            text::<u32>(value).and_then(|limit| match limit {
+                1..=MAX_LIMIT => Ok(limit),
+                _ => Err(format!("must be 1 to {MAX_LIMIT}")),
+            })
+        });
+        query.finish()?;
+        let last = headers.get("last-event-id");
+        let last = last.map(|id| {
+            let id = id.to_str().ok().and_then(|id| id.parse().ok());
+            id.map_or(After::Unknown, After::Event)
+        });
+        let after = after.map_or(After::Anything, After::Event);
+        Ok(Self {
+            after: last.unwrap_or(after),
+            limit: limit.unwrap_or(MAX_LIMIT),
+        })
+    }
+}
+
+fn wants_json(headers: &HeaderMap) -> bool {
+    let accept = headers.get(ACCEPT).and_then(|accept| accept.to_str().ok());
+    accept.is_some_and(|accept| {
+        accept.contains("application/json") && !accept.contains("text/event-stream")
+    })
+}
+
+/// A page of events as JSON.
+async fn page(app: &AppState, job: Option<&Job>, asked: &Asked) -> Result<Response> {
+    let after = match asked.after {
+        After::Event(id) => id,
+        After::Anything | After::Unknown => 0,
+    };
+    let events = match job {
+        Some(job) => app.store.events_after(&job.id, after, asked.limit).await?,
+        None => app.store.all_events_after(after, asked.limit).await?,
+    };
+    let all = job.is_none();
+    let next = (events.len() == asked.limit as usize)
+        .then(|| events.last().map(|event| number(event, all)))
+        .flatten();
+    let items: Vec<Value> = events
+        .iter()
+        .map(|event| json!({"id": number(event, all), "event": event.event, "data": data(event)}))
+        .collect();
+    let mut response = Json(json!({"items": items, "next_after": next})).into_response();
+    let headers = response.headers_mut();
+    headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    if let Some(next) = next {
+        let path = job.map_or("/v1/events".to_owned(), |job| {
+            format!("/v1/jobs/{}/events", job.id)
+        });
+        let link = format!("<{path}?after={next}&limit={}>; rel=\"next\"", asked.limit);
+        headers.insert(
+            LINK,
+            HeaderValue::try_from(link).map_err(ApiError::internal)?,
+        );
+    }
+    Ok(response)
+}
+
+/// What a client gets that asks to continue after an event that there is not.
+struct Reset {
+    /// Id of the newest event: the stream goes on after it.
+    newest: i64,
+    /// The present state.
+    state: Value,
+    /// Whether the state is the last one, so that nothing can follow.
+    ended: bool,
+}
+
+/// Opens a stream after an id, or with a reset to the newest one.
+async fn open(
+    app: AppState,
+    (job, peer): (Option<JobId>, Option<Extension<Peer>>),
+    after: std::result::Result<i64, Reset>,
+) -> Result<Response> {
+    let client = peer.map(|Extension(Peer(address))| address.ip());
+    let listener = app.feed.listen(client).await?;
+    let mut frames = VecDeque::from([Bytes::from(format!("retry: {RETRY_MILLISECONDS}\n"))]);
+    let (last, ended) = match after {
+        Ok(id) => (id, false),
+        Err(reset) => {
+            frames.push_back(frame(Some(reset.newest), "reset", &reset.state));
+            (reset.newest, reset.ended)
+        }
+    };
+    let subscription = Subscription {
+        app,
+        job,
+        listener,
+        last,
+        frames,
+        behind: true,
+        ended,
+        comment_at: Instant::now() + SILENCE,
+    };
+    let frames = stream::unfold(subscription, async |mut subscription| {
+        let frame = subscription.next().await?;
+        Some((Ok::<_, std::convert::Infallible>(frame), subscription))
+    });
+    let mut response = Response::new(Body::from_stream(frames));
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
+    headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    headers.insert("x-accel-buffering", HeaderValue::from_static("no"));
+    Ok(response)
+}
+
+/// An open stream.
+struct Subscription {
+    app: AppState,
+    /// The job that is listened to; none for all of them.
+    job: Option<JobId>,
+    listener: Listener,
+    /// Id of the last event that was sent: of the job's events, or of all.
+    last: i64,
+    /// What is ready to be sent.
+    frames: VecDeque<Bytes>,
+    /// Whether rows must be read: the feed alone does not have all that is missing.
+    behind: bool,
+    ended: bool,
+    comment_at: Instant,
+}
+
+impl Subscription {
+    async fn next(&mut self) -> Option<Bytes> {
+        loop {
+            if let Some(frame) = self.frames.pop_front() {
+                self.comment_at = Instant::now() + SILENCE;
+                return Some(frame);
+            }
+            if self.ended {
+                return None;
+            }
+            // At the end of the service the rest of a long backlog is left to the next one.
+            if self.behind && !self.app.shutdown.is_cancelled() {
+                self.read_rows().await;
+                continue;
+            }
+            let shutdown = self.app.shutdown.clone();
+            tokio::select! {
+                biased;
+                () = shutdown.cancelled() => {
+                    self.frames.push_back(frame(None, "shutdown", &json!({})));
+                    self.ended = true;
+                }
+                received = self.listener.news.recv() => match received {
+                    Ok(News::Event(event)) => self.hear(&event),
+                    Ok(News::Erased(job)) => self.ended |= self.job == Some(job),
+                    Err(RecvError::Lagged(_)) => self.behind = true,
+                    Err(RecvError::Closed) => self.ended = true,
+                },
+                () = tokio::time::sleep_until(self.comment_at) => self.comment().await,
+            }
+        }
+    }
+
+    /// Takes an event of the feed: the next one, an old one, or one that leaves a gap behind.
+    fn hear(&mut self, event: &Event) {
+        let next = match &self.job {
+            None => event.seq > self.last,
+            Some(job) if *job != event.job_id => false,
+            Some(_) if event.id > self.last + 1 => {
+                self.behind = true;
+                false
+            }
+            Some(_) => event.id > self.last,
+        };
+        if next {
+            self.send(event);
+        }
+    }
+
+    async fn read_rows(&mut self) {
+        let store = &self.app.store;
+        let events = match &self.job {
+            Some(job) => store.events_after(job, self.last, PAGE).await,
+            None => store.all_events_after(self.last, PAGE).await,
+        };
+        match events {
+            Ok(events) => {
+                self.behind = events.len() == PAGE as usize;
+                for event in &events {
+                    self.send(event);
+                }
+            }
+            Err(error) => {
+                // The client comes back and continues where it was.
+                tracing::warn!(error.message = %error, "an event stream ends early");
+                self.ended = true;
+            }
+        }
+    }
+
+    fn send(&mut self, event: &Event) {
+        let all = self.job.is_none();
+        self.last = number(event, all);
+        self.frames
+            .push_back(frame(Some(self.last), &event.event, &data(event)));
+        if !all && is_last(&event.event) {
+            self.ended = true;
+            self.behind = false;
+        }
+    }
+
+    /// A sign of life; a stream that lagged behind may not have heard that its job was erased.
+    async fn comment(&mut self) {
+        self.frames.push_back(Bytes::from_static(b": alive\n"));
+        if let Some(job) = &self.job {
+            let lookup = self.app.store.job(job).await;
+            self.ended = !matches!(lookup, Ok(Lookup::Found(_)));
+        }
+    }
+}
+
+/// Whether no event of the job can follow.
+fn is_last(event: &str) -> bool {
+    matches!(event, "job.succeeded" | "job.failed" | "job.cancelled")
+}
+
+/// The id of an event in a stream of one job, or of all.
+fn number(event: &Event, all: bool) -> i64 {
+    if all { event.seq } else { event.id }
+}
+
+fn frame(id: Option<i64>, event: &str, data: &Value) -> Bytes {
+    let id = id.map_or(String::new(), |id| format!("id: {id}\n"));
+    Bytes::from(format!("{id}event: {event}\ndata: {data}\n\n"))
+}
+
+/// What an event tells: what its row has, and the links that only HTTP knows.
+fn data(event: &Event) -> Value {
+    let mut data = event.data.clone();
+    let job = format!("/v1/jobs/{}", event.job_id);
+    if let Some(members) = data.as_object_mut() {
+        members.insert("job_id".to_owned(), json!(event.job_id));
+        members.insert("time".to_owned(), json!(rfc3339(event.time)));
+        members.insert("attempt".to_owned(), json!(event.attempt));
+        match event.event.as_str() {
+            "job.snapshot" => {
+                let evaluation = members.get("evaluation").cloned().unwrap_or_default();
+                let link = format!("{job}/snapshots/{evaluation}.ply");
+                members.insert("link".to_owned(), json!(link));
+            }
+            "job.succeeded" => {
+                let links = json!({
+                    "mesh": format!("{job}/mesh"),
+                    "report": format!("{job}/report"),
+                    "model": format!("{job}/model"),
+                });
+                members.insert("links".to_owned(), links);
+            }
+            "job.failed" => {
+                let problem = members.get("error").cloned().unwrap_or_default();
+                if let Ok(problem) = serde_json::from_value::<Problem>(problem) {
+                    members.insert("error".to_owned(), problem_of(&problem));
+                }
+            }
+            _ => {}
+        }
+    }
+    data
+}

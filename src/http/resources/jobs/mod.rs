@@ -1,0 +1,262 @@
+//! Jobs: submitted, listed, described, cancelled, tried again, erased.
+
+pub(in crate::http) mod found;
+pub(in crate::http) mod representation;
+pub(in crate::http) mod request;
+pub(in crate::http) mod wait;
+
+use axum::Json;
+use axum::extract::{Request, State};
+use axum::http::header::LINK;
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::{IntoResponse, Response};
+use serde_json::{Map, Value, json};
+
+use crate::http::AppState;
+use crate::http::resources::clouds::files;
+use crate::http::resources::jobs::found::{Found, found};
+use crate::http::resources::jobs::representation::{answer, poll, represent};
+use crate::http::resources::jobs::request::{JobRequest, labels_of, preset_named};
+use crate::http::resources::jobs::wait::Wish;
+use crate::http::upload::bodies::JSON_LIMIT;
+use crate::http::upload::{self, Payload, Upload, receive};
+use crate::http::wire::error::{ApiError, Code, Result};
+use crate::http::wire::extract::{Id, Members, NoQuery, Query, switch, text};
+use crate::http::wire::idempotency::{self, Attempt, Begun, kept_headers};
+use crate::http::wire::page::{Page, PageOf};
+use crate::http::wire::time;
+use crate::jobs::{
+    Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject, Verdict,
+};
+
+/// `POST /v1/jobs`: for a cloud that is here, or with the cloud itself.
+pub(in crate::http) async fn create(
+    State(app): State<AppState>,
+    mut query: Query,
+    request: Request,
+) -> Result<Response> {
+    let dry_run = query.take("dry_run", switch).unwrap_or(false);
+    let preset = query.take("preset", |name| preset_named(&name));
+    query.finish()?;
+    let wish = Wish::of(request.headers())?;
+    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    if !dry_run {
+        key.admit(&app).await?;
+    }
+    let (members, upload) = match receive(&app, request).await? {
+        Payload::Json(body) => {
+            key.content(&body);
+            (Members::of(&body)?, None)
+        }
+        Payload::File(upload, job) => {
+            key.content(upload.spooled.sha256.as_bytes());
+            key.content(job.as_deref().unwrap_or_default());
+            (members_of("part job", job.as_deref())?, Some(upload))
+        }
+    };
+    let asked = JobRequest::new(members, preset)?;
+    check_one_cloud(&asked, upload.as_ref(), dry_run)?;
+    let attempt = match key.begin(&app).await? {
+        Begun::Replay(response) => return Ok(response),
+        Begun::New(attempt) => attempt,
+    };
+    if dry_run {
+        let response = estimate(&app, &asked, upload.as_ref()).await?;
+        return attempt.keep(response, None).await;
+    }
+    let cloud = match (upload, &asked.cloud_id) {
+        (Some(upload), _) => files::keep(&app, upload).await?.0,
+        (None, Some(id)) => find_cloud(&app, id).await?,
+        (None, None) => return Err(ApiError::internal("a job without a cloud was let in")),
+    };
+    asked.check(&app.config, labels_of(&cloud))?;
+    let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
+    wish.answer(&app, job).await
+}
+
+/// `GET /v1/jobs`: newest first, filtered by `status`, `label` (`key:value`), `cloud_id`, `verdict`
+/// and `created_after`.
+pub(in crate::http) async fn list(
+    State(app): State<AppState>,
+    uri: Uri,
+    mut query: Query,
+) -> Result<Response> {
+    let page = Page::<JobId>::of(&mut query);
+    let filter = JobFilter {
+        status: query.take("status", |name| {
+            Status::from_name(&name).ok_or_else(|| {
+                let names = Status::ALL.map(Status::name).join(", ");
+                format!("must be one of {names}")
+            })
+        }),
+        cloud_id: query.take("cloud_id", text::<CloudId>),
+        label: query.take("label", |label| {
+            let (key, value) = label
+                .split_once(':')
+                .ok_or("must have the form key:value")?;
+            Ok((key.to_owned(), value.to_owned()))
+        }),
+        verdict: query.take("verdict", |name| {
+            Verdict::from_name(&name).ok_or_else(|| {
+                let names = Verdict::ALL.map(Verdict::name).join(", ");
+                format!("must be one of {names}")
+            })
+        }),
+        created_after: query.take("created_after", |value| time::parse(&value)),
+    };
+    query.finish()?;
+    let page = page?;
+    let listed = app
+        .store
+        .list_jobs(&filter, page.before.as_ref(), page.limit + 1)
+        .await?;
+    let PageOf { items, next } = page.cut(listed, |job| job.id.as_str());
+    let mut shown = Vec::with_capacity(items.len());
+    for job in &items {
+        shown.push(represent(job, position(&app, job).await?));
+    }
+    let body = Json(json!({"items": shown, "next_cursor": next.cursor()}));
+    Ok(match next.link(&uri) {
+        Some(link) => ([(LINK, link)], body).into_response(),
+        None => body.into_response(),
+    })
+}
+
+/// `GET /v1/jobs/{id}`: made to be polled.
+pub(in crate::http) async fn show(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Found(job): Found,
+    headers: HeaderMap,
+) -> Result<Response> {
+    poll(&headers, &job, position(&app, &job).await?)
+}
+
+/// `POST /v1/jobs/{id}/cancel`: whatever came first, the answer is the true state.
+pub(in crate::http) async fn cancel(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Id(id): Id<JobId>,
+    request: Request,
+) -> Result<Response> {
+    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    let body = upload::json(&app, request, JSON_LIMIT).await?;
+    key.content(&body);
+    members_of("the body", Some(&body))?.finish()?;
+    let attempt = match key.begin(&app).await? {
+        Begun::Replay(response) => return Ok(response),
+        Begun::New(attempt) => attempt,
+    };
+    let job = found(app.store.request_cancel(&id).await?)?;
+    let response = answer(StatusCode::OK, &job, None);
+    attempt.keep(response, Some(Subject::Job(job.id))).await
+}
+
+/// `POST /v1/jobs/{id}/retry`: a new job from one that has ended.
+pub(in crate::http) async fn retry(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Id(id): Id<JobId>,
+    request: Request,
+) -> Result<Response> {
+    let wish = Wish::of(request.headers())?;
+    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    key.admit(&app).await?;
+    let body = upload::json(&app, request, JSON_LIMIT).await?;
+    key.content(&body);
+    let members = members_of("the body", Some(&body))?;
+    let attempt = match key.begin(&app).await? {
+        Begun::Replay(response) => return Ok(response),
+        Begun::New(attempt) => attempt,
+    };
+    let job = found(app.store.job(&id).await?)?;
+    if !job.status.is_final() {
+        let detail = format!(
+            "the job is {}; it can be tried again when it has ended",
+            job.status
+        );
+        return Err(ApiError::new(Code::ResultNotReady, detail));
+    }
+    let asked = JobRequest::again(&job, members)?;
+    let cloud = find_cloud(&app, &job.cloud_id).await?;
+    asked.check(&app.config, labels_of(&cloud))?;
+    let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
+    wish.answer(&app, job).await
+}
+
+/// `DELETE /v1/jobs/{id}`: with all its results, in any state.
+pub(in crate::http) async fn erase(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Id(id): Id<JobId>,
+) -> Result<StatusCode> {
+    found(app.store.delete_job(&id, "deleted").await?)?;
+    app.meshes.erase(&id);
+    app.feed.erased(id);
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Puts the job into the queue; under a key its answer is kept in the same transaction.
+async fn submit(app: &AppState, new: NewJob, attempt: Attempt) -> Result<Job> {
+    let keep = attempt.with_job(|job| {
+        let body = represent(job, None);
+        let headers = answer(StatusCode::ACCEPTED, job, None);
+        StoredResponse {
+            status: StatusCode::ACCEPTED.as_u16(),
+            headers: kept_headers(headers.headers()),
+            body: body.to_string().into_bytes(),
+        }
+    });
+    let job = app.store.submit(new, keep).await?;
+    attempt.kept();
+    Ok(job)
+}
+
+/// The answer to a dry run: what would be done, and what it would cost.
+async fn estimate(app: &AppState, asked: &JobRequest, upload: Option<&Upload>) -> Result<Response> {
+    let labels = match (upload, &asked.cloud_id) {
+        (Some(upload), _) => Some(files::read(app, upload).await?.labels),
+        (None, Some(id)) => labels_of(&find_cloud(app, id).await?),
+        (None, None) => None,
+    };
+    let estimate = asked.check(&app.config, labels)?;
+    Ok(Json(json!({
+        "dry_run": true,
+        "cloud_id": asked.cloud_id,
+        "preset": asked.preset,
+        "settings": asked.settings,
+        "estimate": estimate,
+    }))
+    .into_response())
+}
+
+/// A request names its cloud or brings it along; a dry run may go without.
+fn check_one_cloud(asked: &JobRequest, upload: Option<&Upload>, dry_run: bool) -> Result<()> {
+    let refuse = |pointer, detail| Err(ApiError::fault(Code::RequestInvalid, pointer, detail));
+    match (&asked.cloud_id, upload) {
+        (Some(_), Some(_)) => refuse("/cloud_id", "is given, but a cloud was sent too"),
+        (None, None) if !dry_run => refuse("/cloud_id", "is missing"),
+        _ => Ok(()),
+    }
+}
+
+/// The members of a part that may be empty.
+fn members_of(part: &str, body: Option<&[u8]>) -> Result<Members> {
+    match body {
+        None | Some([]) => Ok(Map::<String, Value>::new().into()),
+        Some(body) => Members::of_part(part, body),
+    }
+}
+
+async fn find_cloud(app: &AppState, id: &CloudId) -> Result<Cloud> {
+    let cloud = app.store.cloud(id).await?;
+    cloud.ok_or_else(|| Error::CloudMissing(id.clone()).into())
+}
+
+async fn position(app: &AppState, job: &Job) -> Result<Option<u64>> {
+    if job.status == Status::Queued {
+        Ok(app.store.queue_position(&job.id).await?)
+    } else {
+        Ok(None)
+    }
+}

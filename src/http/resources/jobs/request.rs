@@ -1,0 +1,257 @@
+//! What a client asks of a job, checked as far as it can be before any work.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Map, Value};
+
+use crate::config::Config;
+use crate::http::wire::error::{ApiError, Code, Result};
+use crate::http::wire::extract::{Members, json};
+use crate::jobs::{Cloud, CloudId, Job, JobId, NewJob};
+use crate::reconstruction::cloud::Counts;
+use crate::reconstruction::plan::{Cost, grid_bytes, largest_resolution};
+use crate::reconstruction::settings::{self, OffSurface};
+use crate::reconstruction::{Preset, Settings};
+
+/// Most labels of a job.
+pub(in crate::http) const MAX_LABELS: usize = 16;
+
+/// Most characters of a label's key and of its value.
+pub(in crate::http) const MAX_LABEL_LENGTH: usize = 64;
+
+const MIB: u64 = 1 << 20;
+
+/// A job that is asked for, with complete settings.
+#[derive(Debug)]
+pub(in crate::http) struct JobRequest {
+    /// The cloud, where it is not part of the request.
+    pub(in crate::http) cloud_id: Option<CloudId>,
+    /// Preset that the settings started from.
+    pub(in crate::http) preset: Preset,
+    /// Complete settings.
+    pub(in crate::http) settings: Settings,
+    labels: BTreeMap<String, String>,
+    derived_from: Option<JobId>,
+}
+
+impl JobRequest {
+    /// Reads `cloud_id`, `preset`, `settings` and `labels`; `preset` of the address may stand in
+    /// for that of the body.
+    ///
+    /// # Errors
+    /// [`Code::RequestInvalid`], [`Code::SettingsInvalid`], [`Code::SettingsConflict`], each with
+    /// all faults.
+    pub(in crate::http) fn new(mut members: Members, preset: Option<Preset>) -> Result<Self> {
+        let cloud_id = members.take("cloud_id", json::<CloudId>);
+        if preset.is_some() && members.has("preset") {
+            members.fault("preset", "is given in the address too".to_owned());
+        }
+        let preset = members
+            .take("preset", |name| {
+                preset_named(name.as_str().unwrap_or_default())
+            })
+            .or(preset);
+        let given = members.take("settings", object);
+        let labels = labels(&mut members);
+        members.finish()?;
+        let preset = preset.unwrap_or_default();
+        Ok(Self {
+            cloud_id,
+            preset,
+            settings: resolve(preset, &given.unwrap_or_default().into())?,
+            labels: labels.unwrap_or_default(),
+            derived_from: None,
+        })
+    }
+
+    /// The same again, but for what is given: settings over those of the job, or over those of
+    /// another preset if one is named.
+    ///
+    /// # Errors
+    /// As [`JobRequest::new`].
+    pub(in crate::http) fn again(job: &Job, mut members: Members) -> Result<Self> {
+        let preset = members.take("preset", |name| {
+            preset_named(name.as_str().unwrap_or_default())
+        });
+        let given = members.take("settings", object).unwrap_or_default();
+        let labels = labels(&mut members);
+        members.finish()?;
+        let mut base = match preset {
+            Some(_) => Value::Object(Map::new()),
+            None => serde_json::to_value(&job.settings).map_err(ApiError::internal)?,
+        };
+        lay_over(&mut base, given);
+        let preset = preset.unwrap_or(job.preset);
+        Ok(Self {
+            cloud_id: Some(job.cloud_id.clone()),
+            preset,
+            settings: resolve(preset, &base)?,
+            labels: labels.unwrap_or_else(|| job.labels.clone()),
+            derived_from: Some(job.id.clone()),
+        })
+    }
+
+    /// Holds the settings against the cloud and the machine: what the job will cost.
+    ///
+    /// # Errors
+    /// [`Code::SettingsConflict`] for labels that are asked for and not there,
+    /// [`Code::GridTooLarge`] and [`Code::TrainingTooLarge`].
+    pub(in crate::http) fn check(&self, config: &Config, labels: Option<Counts>) -> Result<Cost> {
+        if self.settings.sampling.off_surface == OffSurface::Labels
+            && labels.is_some_and(|labels| labels.interior + labels.exterior == 0)
+        {
+            return Err((&settings::Error::conflict(
+                "/sampling/off_surface",
+                "is labels, but no point of the cloud is labelled interior or exterior; give such \
+                 points, or choose generated",
+            ))
+                .into());
+        }
+        let budget = Counts {
+            surface: self.settings.sampling.surface_points,
+            ..Counts::default()
+        };
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = config.worker_threads(cores);
+        let cost = Cost::estimated(&self.settings, &labels.unwrap_or(budget), threads);
+        if let Some(limit) = config.job_memory_bytes() {
+            self.check_grid(limit)?;
+            self.check_training(&cost, limit)?;
+        }
+        Ok(cost)
+    }
+
+    fn check_grid(&self, limit: u64) -> Result<()> {
+        let bytes = grid_bytes(&self.settings);
+        if bytes <= limit {
+            return Ok(());
+        }
+        let asked = self.settings.surface.resolution;
+        let largest = largest_resolution(&self.settings, limit);
+        let detail = format!(
+            "is {asked}: the grid takes about {}; {largest} is the most that fits",
+            shares(bytes, limit)
+        );
+        let pointer = "/settings/surface/resolution";
+        Err(
+            too_large(Code::GridTooLarge, pointer, detail, [bytes, limit])
+                .with("asked", asked.into())
+                .with("largest", largest.into()),
+        )
+    }
+
+    fn check_training(&self, cost: &Cost, limit: u64) -> Result<()> {
+        let bytes = cost.training_bytes;
+        if bytes <= limit {
+            return Ok(());
+        }
+        let (pointer, asked) = if 2 * cost.pairs_bytes > bytes {
+            ("/settings/training/history", self.settings.training.history)
+        } else {
+            ("/settings/network/width", self.settings.network.width)
+        };
+        let detail = format!(
+            "is {asked}: the training takes about {}; lower training.history, network.width, \
+             network.hidden_layers or the budgets of sampling",
+            shares(bytes, limit)
+        );
+        Err(too_large(
+            Code::TrainingTooLarge,
+            pointer,
+            detail,
+            [bytes, limit],
+        ))
+    }
+
+    /// The job of this request for a cloud.
+    pub(in crate::http) fn of_cloud(self, cloud_id: CloudId) -> NewJob {
+        NewJob {
+            cloud_id,
+            preset: self.preset,
+            settings: self.settings,
+            labels: self.labels,
+            derived_from: self.derived_from,
+        }
+    }
+}
+
+/// Number of points by label, from what the upload found.
+pub(in crate::http) fn labels_of(cloud: &Cloud) -> Option<Counts> {
+    serde_json::from_value(cloud.summary.get("labels")?.clone()).ok()
+}
+
+fn too_large(code: Code, pointer: &str, detail: String, [bytes, limit]: [u64; 2]) -> ApiError {
+    ApiError::fault(code, pointer, detail)
+        .with("memory_bytes", bytes.into())
+        .with("limit_bytes", limit.into())
+}
+
+fn shares(bytes: u64, limit: u64) -> String {
+    format!(
+        "{} MiB of the {} MiB that a worker has for it",
+        bytes.div_ceil(MIB),
+        limit / MIB
+    )
+}
+
+fn resolve(preset: Preset, given: &Value) -> Result<Settings> {
+    Settings::resolve(preset, given).map_err(|error| (&error).into())
+}
+
+/// The preset of a name.
+pub(in crate::http) fn preset_named(name: &str) -> std::result::Result<Preset, String> {
+    let found = Preset::ALL.into_iter().find(|preset| preset.name() == name);
+    found.ok_or_else(|| {
+        let names = Preset::ALL.map(Preset::name).join(", ");
+        format!("must be one of {names}")
+    })
+}
+
+fn object(value: Value) -> std::result::Result<Map<String, Value>, String> {
+    match value {
+        Value::Object(object) => Ok(object),
+        _ => Err("must be an object".to_owned()),
+    }
+}
+
+fn labels(members: &mut Members) -> Option<BTreeMap<String, String>> {
+    let given = members.take("labels", |value| {
+        let labels = object(value)?;
+        let count = labels.len();
+        if count > MAX_LABELS {
+            return Err(format!(
+                "has {count} labels, at most {MAX_LABELS} are allowed"
+            ));
+        }
+        Ok(labels)
+    })?;
+    let fits = |text: &str| text.chars().count() <= MAX_LABEL_LENGTH;
+    let mut labels = BTreeMap::new();
+    for (key, value) in given {
+        match value {
+            Value::String(value) if !key.is_empty() && fits(&key) && fits(&value) => {
+                labels.insert(key, value);
+            }
+            _ => {
+                let detail = format!(
+                    "must be a string of at most {MAX_LABEL_LENGTH} characters, with a name of 1 \
+                     to {MAX_LABEL_LENGTH}"
+                );
+                members.fault_within("labels", &key, detail);
+            }
+        }
+    }
+    Some(labels)
+}
+
+fn lay_over(base: &mut Value, given: Map<String, Value>) {
+    let Value::Object(base) = base else { return };
+    for (name, value) in given {
+        match (base.get_mut(&name), value) {
+            (Some(inner @ Value::Object(_)), Value::Object(value)) => lay_over(inner, value),
+            (_, value) => {
+                base.insert(name, value);
+            }
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! `Prefer: wait=N`: the answer comes when the job has ended, or after N seconds.
+
+use std::time::Duration;
+
+use axum::http::header::{LINK, LOCATION};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::response::Response;
+
+use crate::http::AppState;
+use crate::http::resources::jobs::found::found;
+use crate::http::resources::jobs::representation::{PREFERENCE_APPLIED, answer, url};
+use crate::http::resources::meshes;
+use crate::http::wire::error::{ApiError, Code, Result};
+use crate::http::wire::extract::preferred_wait;
+use crate::http::wire::idempotency::KEY;
+use crate::jobs::{Job, JobId, Status};
+use crate::reconstruction::mesh::write::Format;
+
+/// Longest pause between two looks at the job: what a lost wake-up costs.
+const POLL: Duration = Duration::from_secs(1);
+
+/// Shortest pause: every commit wakes all waits, whosever job it was.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// How a client wants to be answered.
+#[derive(Debug, Clone)]
+pub(in crate::http) struct Wish {
+    wait: Option<Duration>,
+    /// The format of the mesh that is to be the answer, if one is.
+    mesh: Option<Format>,
+    /// Without it the answer under a key would not be the one that is repeated: the place in the
+    /// queue is not known where that one is written.
+    place: bool,
+}
+
+impl Wish {
+    /// The wish of a request's headers.
+    ///
+    /// # Errors
+    /// [`Code::NotAcceptable`] when what the wait is for cannot be given.
+    pub(in crate::http) fn of(headers: &HeaderMap) -> Result<Self> {
+        let wait = preferred_wait(headers);
+        let mesh = match wait {
+            Some(_) => meshes::preferred_to_json(headers)?,
+            None => None,
+        };
+        Ok(Self {
+            wait,
+            mesh,
+            place: !headers.contains_key(KEY),
+        })
+    }
+
+    /// The answer to a submitted job: 202 at once or after the wait, 200 with the job or its mesh
+    /// when it ended in time.
+    ///
+    /// # Errors
+    /// [`Code::Gone`] when the job was erased meanwhile; the job's own problem when its mesh was
+    /// asked for and there is none.
+    pub(in crate::http) async fn answer(self, app: &AppState, job: Job) -> Result<Response> {
+        let Some(wait) = self.wait else {
+            let position = if self.place {
+                app.store.queue_position(&job.id).await?
+            } else {
+                None
+            };
+            return Ok(answer(StatusCode::ACCEPTED, &job, position));
+        };
+        let job = until_ended(app, &job.id, wait).await?;
+        let mut response = match (job.status, self.mesh) {
+            (Status::Queued | Status::Running, _) => {
+                let position = app.store.queue_position(&job.id).await?;
+                answer(StatusCode::ACCEPTED, &job, position)
+            }
+            (Status::Succeeded, Some(format)) => mesh(app, &job, format).await?,
+            (Status::Failed, Some(_)) => return Err(failure(&job)),
+            (Status::Cancelled, Some(_)) => {
+                let detail = format!("the job {} was cancelled: it has no mesh", job.id);
+                return Err(ApiError::new(Code::NotFound, detail));
+            }
+            (_, None) => answer(StatusCode::OK, &job, None),
+        };
+        let applied = HeaderValue::try_from(format!("wait={}", wait.as_secs()));
+        let applied = applied.map_err(ApiError::internal)?;
+        response.headers_mut().insert(PREFERENCE_APPLIED, applied);
+        Ok(response)
+    }
+}
+
+/// The problem that a failed job ended with, as the answer itself.
+fn failure(job: &Job) -> ApiError {
+    match &job.error {
+        Some(problem) => ApiError::new(Code::from_name(&problem.code), problem.detail.clone())
+            .with("job_id", job.id.as_str().into()),
+        None => ApiError::internal(format_args!("{} failed without an error", job.id)),
+    }
+}
+
+/// The job once it has ended, the time is up, or the service stops.
+async fn until_ended(app: &AppState, id: &JobId, wait: Duration) -> Result<Job> {
+    // Subscribed before the row is read: a commit in between is not missed.
+    let mut changed = app.store.changed();
+    let deadline = tokio::time::Instant::now() + wait;
+    loop {
+        changed.mark_unchanged();
+        let job = found(app.store.job(id).await?)?;
+        if job.status.is_final() || app.shutdown.is_cancelled() {
+            return Ok(job);
+        }
+        tokio::select! {
+            _ = changed.changed() => tokio::time::sleep(PAUSE).await,
+            () = tokio::time::sleep(POLL) => {}
+            () = app.shutdown.cancelled() => {}
+            () = tokio::time::sleep_until(deadline) => return Ok(job),
+        }
+    }
+}
+
+/// The mesh itself, and where the job is that made it.
+async fn mesh(app: &AppState, job: &Job, format: Format) -> Result<Response> {
+    let response = meshes::respond(app, job, 0, (format, None), &HeaderMap::new()).await?;
+    let mut response = meshes::varies(response);
+    let described = format!("<{}>; rel=\"describedby\"", url(job));
+    for (name, value) in [(LOCATION, url(job)), (LINK, described)] {
+        let value = HeaderValue::try_from(value).map_err(ApiError::internal)?;
+        response.headers_mut().insert(name, value);
+    }
+    Ok(response)
+}

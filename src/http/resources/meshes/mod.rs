@@ -1,0 +1,324 @@
+//! What a job made: its mesh and snapshots in every format, its report, its network.
+
+pub(in crate::http) mod cache;
+mod rendition;
+
+use axum::Json;
+use axum::extract::{FromRequestParts, State};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri, header};
+use axum::response::{IntoResponse, Response};
+use serde_json::{Value, json};
+
+use rendition::Rendition;
+
+use crate::http::AppState;
+use crate::http::resources::jobs::found::{Found, Succeeded, found};
+use crate::http::wire::accept::preferred;
+use crate::http::wire::download::{Content, Download};
+use crate::http::wire::error::{ApiError, Code, Result};
+use crate::http::wire::extract::{NoQuery, Query};
+use crate::http::wire::time::rfc3339;
+use crate::jobs::{Job, MeshInfo, Verdict};
+use crate::reconstruction::mesh::write::Format;
+use crate::reconstruction::space::Frame;
+
+/// Header that says how far the mesh can be relied on.
+const VERDICT: HeaderName = HeaderName::from_static("meshway-verdict");
+
+/// What a mesh may be asked for by `Accept`; the first one is given when all are the same to the
+/// client. PLY, OFF and VTP have no registered type, so theirs are not the only ones that are understood.
+const OFFERS: [(&str, Format); 10] = [
+    ("application/x-ply", Format::PlyBinary),
+    ("model/ply", Format::PlyBinary),
+    ("model/obj", Format::Obj),
+    ("model/stl", Format::Stl),
+    ("application/x-off", Format::Off),
+    ("model/gltf-binary", Format::Glb),
+    ("model/3mf", Format::ThreeMf),
+    ("application/x-vtp", Format::Vtp),
+    ("application/dicom", Format::Dicom),
+    ("application/octet-stream", Format::PlyBinary),
+];
+
+/// Endings of the formats in addresses.
+const ENDINGS: [(&str, Format); 8] = [
+    ("ply", Format::PlyBinary),
+    ("obj", Format::Obj),
+    ("stl", Format::Stl),
+    ("off", Format::Off),
+    ("glb", Format::Glb),
+    ("3mf", Format::ThreeMf),
+    ("vtp", Format::Vtp),
+    ("dcm", Format::Dicom),
+];
+
+/// GET /v1/jobs/{id}/mesh
+pub(in crate::http) async fn negotiated(
+    State(app): State<AppState>,
+    InSpace(frame): InSpace,
+    Succeeded(job): Succeeded,
+    headers: HeaderMap,
+) -> Result<Response> {
+    respond(&app, &job, 0, (accepted(&headers)?, frame), &headers)
+        .await
+        .map(varies)
+}
+
+/// GET /v1/jobs/{id}/mesh.{format}
+pub(in crate::http) async fn result(
+    State(app): State<AppState>,
+    InSpace(frame): InSpace,
+    Succeeded(job): Succeeded,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let (_, ending) = last_segment(&uri);
+    let format = ending.and_then(by_ending).ok_or_else(no_format)?;
+    respond(&app, &job, 0, (format, frame), &headers).await
+}
+
+/// GET /v1/jobs/{id}/mask.nii.gz
+pub(in crate::http) async fn mask(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Succeeded(job): Succeeded,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let report = job.report.as_ref().unwrap_or(&Value::Null);
+    let missing = |why| ApiError::new(Code::NotFound, format!("the job has no mask: {why}"));
+    let grid = serde_json::from_value(report["grid"].clone());
+    let grid = grid.map_err(|_| missing("its cloud is no label map, so there are no voxels"))?;
+    if report["mesh"]["closed"] != json!(true) {
+        return Err(missing("its mesh is not closed, so it has no inside"));
+    }
+    let mesh = stored(&app, &job, 0).await?;
+    let rendition = Rendition::Mask(grid, job.id.to_string());
+    let (content, sha256) = app.meshes.get(&app.store, &job, &mesh, rendition).await?;
+    let download = Download {
+        content,
+        sha256,
+        media_type: "application/gzip",
+        file_name: format!("{}.nii.gz", job.id),
+    };
+    deliver(&app, &job, download, &headers).await
+}
+
+/// GET /v1/jobs/{id}/snapshots
+pub(in crate::http) async fn snapshots(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Found(job): Found,
+) -> Result<Response> {
+    let snapshots = app.store.snapshots(&job.id).await?;
+    let items: Vec<Value> = snapshots.iter().map(|mesh| describe(&job, mesh)).collect();
+    Ok(Json(json!({"job_id": job.id, "items": items})).into_response())
+}
+
+/// GET /v1/jobs/{id}/snapshots/{file}: an evaluation, and the ending of a format.
+pub(in crate::http) async fn snapshot(
+    State(app): State<AppState>,
+    InSpace(frame): InSpace,
+    Found(job): Found,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let (stem, ending) = last_segment(&uri);
+    let no_snapshot = || ApiError::not_found("snapshot");
+    let evaluation: u64 = stem.parse().map_err(|_| no_snapshot())?;
+    if evaluation == 0 {
+        return Err(no_snapshot());
+    }
+    match ending {
+        None => {
+            let asked = (accepted(&headers)?, frame);
+            let response = respond(&app, &job, evaluation, asked, &headers).await;
+            response.map(varies)
+        }
+        Some(ending) => {
+            let format = by_ending(ending).ok_or_else(no_format)?;
+            respond(&app, &job, evaluation, (format, frame), &headers).await
+        }
+    }
+}
+
+/// GET /v1/jobs/{id}/report
+pub(in crate::http) async fn report(_: NoQuery, Succeeded(job): Succeeded) -> Response {
+    Json(job.report).into_response()
+}
+
+/// GET /v1/jobs/{id}/model
+pub(in crate::http) async fn model(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Succeeded(job): Succeeded,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let model = app.store.model(&job.id).await?;
+    let (bytes, sha256) = model.ok_or_else(|| ApiError::not_found("model"))?;
+    let download = Download {
+        content: Content::Memory(bytes.into()),
+        sha256,
+        media_type: "application/octet-stream",
+        file_name: format!("{}.safetensors", job.id),
+    };
+    download.respond(&headers).await
+}
+
+/// The frame that a mesh is asked for in, `space`; none for that of the cloud.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::http) struct InSpace(Option<Frame>);
+
+impl FromRequestParts<AppState> for InSpace {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Self> {
+        let mut query = Query::from_request_parts(parts, app).await?;
+        let frame = query.take("space", |name| match name.as_str() {
+            "source" => Ok(None),
+            "lps" => Ok(Some(Frame::Lps)),
+            "ras" => Ok(Some(Frame::Ras)),
+            _ => Err("must be one of source, lps, ras".to_owned()),
+        });
+        query.finish()?;
+        Ok(Self(frame.flatten()))
+    }
+}
+
+/// The mesh of an evaluation, 0 for the result, as a download in a format and a frame.
+///
+/// # Errors
+/// [`Code::NotFound`], [`Code::Gone`], and those of encoding and download.
+pub(in crate::http) async fn respond(
+    app: &AppState,
+    job: &Job,
+    evaluation: u64,
+    (format, frame): (Format, Option<Frame>),
+    headers: &HeaderMap,
+) -> Result<Response> {
+    if format == Format::Dicom && frame == Some(Frame::Ras) {
+        let detail = "a DICOM file is in lps, always";
+        return Err(ApiError::fault(Code::RequestInvalid, "/space", detail));
+    }
+    let mesh = stored(app, job, evaluation).await?;
+    let (content, sha256) = if format == Format::PlyBinary && frame.is_none() {
+        let (store, sha256) = (app.store.clone(), mesh.sha256.clone());
+        (Content::Stored { store, mesh }, sha256)
+    } else {
+        let rendition = Rendition::of(job, evaluation, format, frame);
+        app.meshes.get(&app.store, job, &mesh, rendition).await?
+    };
+    let stem = match evaluation {
+        0 => job.id.to_string(),
+        evaluation => format!("{}-{evaluation}", job.id),
+    };
+    let download = Download {
+        content,
+        sha256,
+        media_type: format.media_type(),
+        file_name: format!("{stem}.{}", format.extension()),
+    };
+    let response = deliver(app, job, download, headers).await?;
+    Ok(if evaluation == 0 {
+        judged(response, job)
+    } else {
+        response
+    })
+}
+
+async fn stored(app: &AppState, job: &Job, evaluation: u64) -> Result<MeshInfo> {
+    let mesh = app.store.mesh_info(&job.id, evaluation).await?;
+    mesh.ok_or_else(|| ApiError::not_found("mesh"))
+}
+
+async fn deliver(
+    app: &AppState,
+    job: &Job,
+    download: Download,
+    headers: &HeaderMap,
+) -> Result<Response> {
+    match download.respond(headers).await {
+        Ok(response) => Ok(response),
+        // The bytes are gone where the job was erased since it was found.
+        Err(error) => found(app.store.job(&job.id).await?).and(Err(error)),
+    }
+}
+
+/// The format that the client names or accepts.
+///
+/// # Errors
+/// [`Code::NotAcceptable`] with the list of formats.
+fn accepted(headers: &HeaderMap) -> Result<Format> {
+    preferred(headers, &OFFERS).ok_or_else(|| not_acceptable(&[]))
+}
+
+/// The format where the client prefers a mesh to the job's own JSON.
+///
+/// # Errors
+/// [`Code::NotAcceptable`] where it accepts neither.
+pub(in crate::http) fn preferred_to_json(headers: &HeaderMap) -> Result<Option<Format>> {
+    const JSON: &str = "application/json";
+    let meshes = OFFERS.map(|(media_type, format)| (media_type, Some(format)));
+    let offers = [&[(JSON, None)], meshes.as_slice()].concat();
+    preferred(headers, &offers).ok_or_else(|| not_acceptable(&[JSON]))
+}
+
+fn not_acceptable(besides: &[&str]) -> ApiError {
+    let meshes = ENDINGS.map(|(_, format)| format.media_type());
+    let types = [besides, meshes.as_slice()].concat();
+    let detail = format!("the answer is given as {}", types.join(", "));
+    ApiError::new(Code::NotAcceptable, detail).with("acceptable", json!(types))
+}
+
+fn by_ending(ending: &str) -> Option<Format> {
+    let found = ENDINGS.iter().find(|(name, _)| *name == ending);
+    found.map(|(_, format)| *format)
+}
+
+fn no_format() -> ApiError {
+    let endings = ENDINGS.map(|(name, _)| name).join(", ");
+    ApiError::new(Code::NotFound, format!("the formats are {endings}"))
+}
+
+/// The result with the verdict on it, where its report has one.
+fn judged(mut response: Response, job: &Job) -> Response {
+    if let Some(verdict) = job.report.as_ref().and_then(Verdict::of) {
+        let verdict = HeaderValue::from_static(verdict.name());
+        response.headers_mut().insert(VERDICT, verdict);
+    }
+    response
+}
+
+/// What stands after the last slash: the stem, and the ending behind its dot.
+fn last_segment(uri: &Uri) -> (&str, Option<&str>) {
+    let segment = uri.path().rsplit('/').next().unwrap_or_default();
+    match segment.split_once('.') {
+        Some((stem, ending)) => (stem, Some(ending)),
+        None => (segment, None),
+    }
+}
+
+/// The same address gives other bytes to another `Accept`.
+pub(in crate::http) fn varies(mut response: Response) -> Response {
+    let accept = HeaderValue::from_static("accept");
+    response.headers_mut().insert(header::VARY, accept);
+    response
+}
+
+fn describe(job: &Job, mesh: &MeshInfo) -> Value {
+    let evaluation = mesh.evaluation;
+    let links = ENDINGS.map(|(ending, _)| {
+        let link = format!("/v1/jobs/{}/snapshots/{evaluation}.{ending}", job.id);
+        (ending, link)
+    });
+    let links: std::collections::BTreeMap<_, _> = links.into_iter().collect();
+    json!({
+        "evaluation": evaluation,
+        "vertices": mesh.vertices,
+        "triangles": mesh.triangles,
+        "bytes": mesh.bytes,
+        "sha256": mesh.sha256,
+        "created_at": rfc3339(mesh.created_at),
+        "links": links,
+    })
+}

@@ -1,0 +1,300 @@
+//! Bodies as they come in: raw, as a form, or as a little JSON; never waited for without end.
+
+pub(in crate::http) mod bodies;
+pub(in crate::http) mod spool;
+
+use std::time::Duration;
+
+use axum::body::{Body, BodyDataStream};
+use axum::extract::multipart::{Field, MultipartError};
+use axum::extract::{FromRequest, Multipart, Request};
+use axum::http::header::{CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE};
+use axum::http::{HeaderMap, StatusCode};
+use bytes::{Bytes, BytesMut};
+use futures_util::StreamExt;
+use tokio::sync::OwnedSemaphorePermit;
+
+use crate::folder::UPLOADS;
+use crate::http::AppState;
+use crate::http::upload::bodies::{BATCH, Gathered, JSON_LIMIT, Pace};
+use crate::http::upload::spool::{Encoding, Spool, Spooled, too_large};
+use crate::http::wire::error::{ApiError, Code, Result};
+use crate::http::wire::extract::header;
+use crate::reconstruction::cloud::Format;
+
+/// How long the rest of a refused body is read.
+const LINGER: Duration = Duration::from_secs(2);
+
+/// An uploaded file that is not a cloud yet.
+#[derive(Debug)]
+pub(in crate::http) struct Upload {
+    /// The file.
+    pub(in crate::http) spooled: Spooled,
+    /// Format that media type or name suggest, for contents that do not show theirs.
+    pub(in crate::http) hint: Option<Format>,
+}
+
+/// What a request carries.
+#[derive(Debug)]
+pub(in crate::http) enum Payload {
+    /// A JSON document.
+    Json(Gathered),
+    /// A file, and the `job` part of the form that it came in.
+    File(Upload, Option<Gathered>),
+}
+
+/// Takes in a body: a form or JSON where `Content-Type` says so, anything else as a file.
+///
+/// # Errors
+/// What is wrong with headers, form, encoding, size or pace.
+pub(in crate::http) async fn receive(app: &AppState, request: Request) -> Result<Payload> {
+    let content_type = header(request.headers(), &CONTENT_TYPE)?.unwrap_or_default();
+    let essence = content_type.split(';').next().unwrap_or_default().trim();
+    match essence.to_ascii_lowercase().as_str() {
+        "application/json" => json(app, request, JSON_LIMIT).await.map(Payload::Json),
+        "multipart/form-data" => form(app, request).await,
+        essence => {
+            let hint = format_of_media_type(essence);
+            let (parts, body) = request.into_parts();
+            let spooled = raw(app, &parts.headers, body).await?;
+            Ok(Payload::File(Upload { spooled, hint }, None))
+        }
+    }
+}
+
+/// The whole of a JSON body of at most `limit` bytes; nothing at all gives no bytes.
+///
+/// # Errors
+/// [`Code::BodyTooLarge`], [`Code::UnsupportedEncoding`], [`Code::UploadTimeout`],
+/// [`Code::BodyBrokenOff`].
+pub(in crate::http) async fn json(
+    app: &AppState,
+    request: Request,
+    limit: usize,
+) -> Result<Gathered> {
+    let encoding = header(request.headers(), &CONTENT_ENCODING)?;
+    if Encoding::of(encoding)? != Encoding::Identity {
+        let detail = "a JSON body is taken without Content-Encoding";
+        return Err(ApiError::new(Code::UnsupportedEncoding, detail));
+    }
+    let declared = length(request.headers())?;
+    let mut body = app.bodies.gather(declared, limit).await?;
+    let mut pace = pace(app);
+    let mut stream = request.into_body().into_data_stream();
+    while let Some(chunk) = next(&mut pace, &mut stream).await? {
+        body.push(&chunk)?;
+    }
+    Ok(body)
+}
+
+async fn raw(app: &AppState, headers: &HeaderMap, body: Body) -> Result<Spooled> {
+    let encoding = Encoding::of(header(headers, &CONTENT_ENCODING)?)?;
+    let declared = length(headers)?.unwrap_or(0);
+    let mut pace = pace(app);
+    let mut receiver = Receiver::new(app, encoding, declared)?;
+    let mut stream = body.into_data_stream();
+    let taken = async {
+        while let Some(chunk) = next(&mut pace, &mut stream).await? {
+            receiver.push(&chunk).await?;
+        }
+        Ok(())
+    };
+    if let Err(error) = taken.await {
+        linger(stream);
+        return Err(error);
+    }
+    receiver.finish().await
+}
+
+/// Goes on reading a refused body for a while: closing a socket with unread bytes resets the
+/// connection, and a client that still writes would lose the answer.
+fn linger(mut stream: BodyDataStream) {
+    let drained = async move { while let Some(Ok(_)) = stream.next().await {} };
+    tokio::spawn(tokio::time::timeout(LINGER, drained));
+}
+
+async fn form(app: &AppState, request: Request) -> Result<Payload> {
+    let encoding = header(request.headers(), &CONTENT_ENCODING)?;
+    if Encoding::of(encoding)? != Encoding::Identity {
+        let detail = "a form is taken without Content-Encoding; send the file itself encoded";
+        return Err(ApiError::new(Code::UnsupportedEncoding, detail));
+    }
+    // Checked here too: a form is a little larger than its file.
+    let declared = length(request.headers())?.unwrap_or(0);
+    let mut pace = pace(app);
+    app.disk.check(declared)?;
+    let mut form = Multipart::from_request(request, &())
+        .await
+        .map_err(|error| ApiError::new(Code::MalformedMultipart, error.body_text()))?;
+    let (mut upload, mut job) = (None, None);
+    while let Some(mut part) = pace
+        .wait(form.next_field())
+        .await?
+        .map_err(|error| broken(&error))?
+    {
+        let name = part.name().unwrap_or_default().to_owned();
+        match name.as_str() {
+            "file" if upload.is_none() => upload = Some(file_part(app, &mut pace, part).await?),
+            "job" if job.is_none() => {
+                let mut body = app.bodies.gather(None, JSON_LIMIT).await?;
+                while let Some(chunk) = next_of(&mut pace, &mut part).await? {
+                    body.push(&chunk)?;
+                }
+                job = Some(body);
+            }
+            _ => {
+                let detail = format!(
+                    "part {name:.40}: one part named file and at most one named job are taken"
+                );
+                return Err(ApiError::new(Code::MalformedMultipart, detail));
+            }
+        }
+    }
+    let upload = upload
+        .ok_or_else(|| ApiError::new(Code::MalformedMultipart, "the form has no part file"))?;
+    Ok(Payload::File(upload, job))
+}
+
+async fn file_part(app: &AppState, pace: &mut Pace, mut part: Field<'_>) -> Result<Upload> {
+    let hint = part
+        .content_type()
+        .and_then(format_of_media_type)
+        .or_else(|| Format::from_extension(part.file_name()?));
+    let mut receiver = Receiver::new(app, Encoding::Identity, 0)?;
+    while let Some(chunk) = next_of(pace, &mut part).await? {
+        receiver.push(&chunk).await?;
+    }
+    let spooled = receiver.finish().await?;
+    Ok(Upload { spooled, hint })
+}
+
+fn broken(error: &MultipartError) -> ApiError {
+    match error.status() {
+        StatusCode::PAYLOAD_TOO_LARGE => {
+            ApiError::new(Code::BodyTooLarge, "the form is larger than allowed")
+        }
+        // The form could not be read, whatever is in it.
+        StatusCode::INTERNAL_SERVER_ERROR => broken_off(error),
+        _ => ApiError::new(Code::MalformedMultipart, error.body_text()),
+    }
+}
+
+/// `Content-Length`, where the length is told.
+fn length(headers: &HeaderMap) -> Result<Option<u64>> {
+    let Some(length) = header(headers, &CONTENT_LENGTH)? else {
+        return Ok(None);
+    };
+    let bytes = length.parse();
+    bytes
+        .map(Some)
+        .map_err(|_| ApiError::new(Code::BadHeader, "Content-Length must be a number"))
+}
+
+fn pace(app: &AppState) -> Pace {
+    let seconds = app.config.upload_timeout_seconds.max(1);
+    Pace::new(Duration::from_secs(seconds.into()))
+}
+
+async fn next(pace: &mut Pace, stream: &mut BodyDataStream) -> Result<Option<Bytes>> {
+    let chunk = pace.wait(stream.next()).await?.transpose();
+    let chunk = chunk.map_err(|error| broken_off(&error))?;
+    pace.came(chunk.as_ref().map_or(0, Bytes::len));
+    Ok(chunk)
+}
+
+async fn next_of(pace: &mut Pace, part: &mut Field<'_>) -> Result<Option<Bytes>> {
+    let chunk = pace.wait(part.chunk()).await?;
+    let chunk = chunk.map_err(|error| broken(&error))?;
+    pace.came(chunk.as_ref().map_or(0, Bytes::len));
+    Ok(chunk)
+}
+
+/// The client is gone or its framing is broken: hardly anyone reads this answer.
+fn broken_off(error: &dyn std::error::Error) -> ApiError {
+    tracing::debug!(error.message = %error, "a body broke off");
+    ApiError::new(
+        Code::BodyBrokenOff,
+        "the body broke off before it was complete; send it again",
+    )
+}
+
+/// Gathers chunks into batches and has them written where blocking does not hurt. No thread waits
+/// for a client: a thousand slow uploads hold none.
+struct Receiver {
+    /// Away while a thread writes.
+    spool: Option<Spool>,
+    batch: BytesMut,
+    /// Without a place nothing is gathered.
+    place: Option<OwnedSemaphorePermit>,
+}
+
+impl Receiver {
+    fn new(app: &AppState, encoding: Encoding, declared: u64) -> Result<Self> {
+        let limit = app.config.body_limit_bytes();
+        if declared > limit {
+            return Err(too_large(limit));
+        }
+        app.disk.check(declared)?;
+        let folder = app.config.data_dir.join(UPLOADS);
+        Ok(Self {
+            spool: Some(Spool::new(&folder, encoding, limit)?),
+            batch: BytesMut::new(),
+            place: app.bodies.batch(),
+        })
+    }
+
+    async fn push(&mut self, chunk: &[u8]) -> Result<()> {
+        self.batch.extend_from_slice(chunk);
+        if self.place.is_some() && self.batch.len() < BATCH {
+            return Ok(());
+        }
+        self.write().await
+    }
+
+    async fn write(&mut self) -> Result<()> {
+        let batch = self.batch.split();
+        let mut spool = self.take()?;
+        let spool = blocking(move || spool.push(&batch).map(|()| spool)).await??;
+        self.spool = Some(spool);
+        Ok(())
+    }
+
+    async fn finish(mut self) -> Result<Spooled> {
+        let batch = self.batch.split();
+        let mut spool = self.take()?;
+        blocking(move || {
+            spool.push(&batch)?;
+            spool.finish()
+        })
+        .await?
+    }
+
+    /// An error ends the upload, so the spool is there unless a caller went on after one.
+    fn take(&mut self) -> Result<Spool> {
+        let spool = self.spool.take();
+        spool.ok_or_else(|| ApiError::internal("an upload went on after its end"))
+    }
+}
+
+/// Runs work that blocks.
+pub(in crate::http) async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T> {
+    tokio::task::spawn_blocking(work)
+        .await
+        .map_err(ApiError::internal)
+}
+
+/// The format that a media type names, as far as it names one.
+fn format_of_media_type(essence: &str) -> Option<Format> {
+    Some(match essence.trim().to_ascii_lowercase().as_str() {
+        "application/x-ply" | "application/ply" | "model/ply" => Format::Ply,
+        "model/obj" | "application/x-obj" => Format::Obj,
+        "model/stl" | "application/sla" | "application/vnd.ms-pki.stl" => Format::Stl,
+        "application/x-off" | "model/off" => Format::Off,
+        "text/csv" | "text/tab-separated-values" | "application/csv" => Format::Xyz,
+        "application/x-pcd" | "model/pcd" => Format::Pcd,
+        "application/x-npy" => Format::Npy,
+        _ => return None,
+    })
+}

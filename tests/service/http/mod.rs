@@ -1,0 +1,18 @@
+//! The API, asked in the same process unless a test says otherwise.
+
+mod clouds;
+pub(crate) mod contract;
+mod costs;
+mod door;
+mod edges;
+mod events;
+mod idempotency;
+mod jobs;
+mod lists;
+mod meshes;
+mod spaces;
+pub(crate) mod support;
+mod system;
+mod uploads;
+mod verdicts;
+mod waits;

@@ -1,0 +1,151 @@
+//! Databases of earlier versions, with what they hold.
+
+use std::path::Path;
+
+use meshway::jobs::store::DATABASE_FILE;
+use meshway::jobs::{CloudId, IdempotencyState, JobId, Options, Store};
+use serde_json::json;
+use sqlx::migrate::{Migration, MigrationType, Migrator};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode};
+use sqlx::{ConnectOptions, Connection, SqlSafeStr, SqliteConnection};
+
+/// The migrations of the version before answers knew their clouds.
+const SECOND: [(&str, &str); 2] = [
+    ("init", include_str!("../../../migrations/0001_init.sql")),
+    (
+        "erased_clouds",
+        include_str!("../../../migrations/0002_erased_clouds.sql"),
+    ),
+];
+
+/// Those of the version before the series told of blocks.
+pub(crate) const FOURTH: [(&str, &str); 4] = [
+    SECOND[0],
+    SECOND[1],
+    (
+        "answers_about_clouds",
+        include_str!("../../../migrations/0003_answers_about_clouds.sql"),
+    ),
+    (
+        "jobs_by_verdict",
+        include_str!("../../../migrations/0004_jobs_by_verdict.sql"),
+    ),
+];
+
+/// A database as the version with these migrations made it.
+pub(crate) async fn database(
+    folder: &Path,
+    migrations: &[(&'static str, &'static str)],
+) -> SqliteConnection {
+    let mut db = SqliteConnectOptions::new()
+        .filename(folder.join(DATABASE_FILE))
+        .create_if_missing(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        .connect()
+        .await
+        .unwrap();
+    let migrations = (1..).zip(migrations).map(|(version, &(name, sql))| {
+        let (name, sql) = (name.into(), sql.into_sql_str());
+        Migration::new(version, name, MigrationType::Simple, sql, true)
+    });
+    let migrator = Migrator::with_migrations(migrations.collect());
+    migrator.run_direct(None, &mut db, false).await.unwrap();
+    db
+}
+
+async fn keep(db: &mut SqliteConnection, key: &str, scope: &str, body: Option<&str>) {
+    sqlx::query(
+        "INSERT INTO idempotency (key, scope, request_sha256, status, headers, body, created_at)
+         VALUES (?1, ?2, 'h', ?3, '[[\"location\",\"/x\"]]', ?4, 1)",
+    )
+    .bind(key)
+    .bind(scope)
+    .bind(body.map(|_| 201))
+    .bind(body.unwrap_or_default().as_bytes())
+    .execute(db)
+    .await
+    .unwrap();
+}
+
+#[tokio::test]
+async fn series_from_before_blocks_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut db = database(folder.path(), &FOURTH).await;
+    let id = JobId::new();
+    sqlx::query(
+        "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, created_at, metrics)
+         VALUES (?1, 'c', 'queued', 'fast', '{}', '{}', 1, 1)",
+    )
+    .bind(id.as_str())
+    .execute(&mut db)
+    .await
+    .unwrap();
+    sqlx::query("INSERT INTO metrics VALUES (?1, 3, 2, 0.5, NULL, 0.1, 1.0, x'')")
+        .bind(id.as_str())
+        .execute(&mut db)
+        .await
+        .unwrap();
+    db.close().await.unwrap();
+
+    let store = Store::open(folder.path(), Options::default())
+        .await
+        .unwrap();
+    let rows = store.metrics(&id, 0, 10).await.unwrap();
+    assert_eq!(rows.len(), 1);
+    assert_eq!((rows[0].evaluation, rows[0].iteration), (3, 2));
+    assert_eq!(rows[0].blocks, None);
+}
+
+#[tokio::test]
+async fn answers_about_clouds_are_found_in_older_databases() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut db = database(folder.path(), &SECOND).await;
+    let (here, erased) = (CloudId::new(), CloudId::new());
+    sqlx::query("INSERT INTO clouds VALUES (?1, 'a', 1, 'xyz', 20, '{}', 1)")
+        .bind(here.as_str())
+        .execute(&mut db)
+        .await
+        .unwrap();
+    sqlx::query("INSERT INTO tombstones VALUES (?1, 1, 'deleted')")
+        .bind(erased.as_str())
+        .execute(&mut db)
+        .await
+        .unwrap();
+    let answer = |id: &CloudId| json!({"id": id, "sha256": "secret"}).to_string();
+    let uploads = "POST /v1/clouds";
+    keep(&mut db, "here", uploads, Some(&answer(&here))).await;
+    keep(&mut db, "erased", uploads, Some(&answer(&erased))).await;
+    keep(&mut db, "in flight", uploads, None).await;
+    keep(&mut db, "job", "POST /v1/jobs", Some(r#"{"id": "job_1"}"#)).await;
+    db.close().await.unwrap();
+
+    let store = Store::open(folder.path(), Options::default())
+        .await
+        .unwrap();
+    let begin = async |key: &str, scope: &str| {
+        let state = store.idempotency_begin(key, scope, "h");
+        state.await.unwrap()
+    };
+    let body = |state: &IdempotencyState| match state {
+        IdempotencyState::Replay(stored) => String::from_utf8(stored.body.clone()).unwrap(),
+        state => panic!("{state:?}"),
+    };
+    assert_eq!(body(&begin("here", uploads).await), answer(&here));
+    let gone = begin("erased", uploads).await;
+    assert!(matches!(gone, IdempotencyState::CloudGone(_)), "{gone:?}");
+    let open = begin("in flight", uploads).await;
+    assert_eq!(open, IdempotencyState::InFlight);
+    let job = begin("job", "POST /v1/jobs").await;
+    assert_eq!(body(&job), r#"{"id": "job_1"}"#);
+    // What was erased is emptied, now and later.
+    let options = SqliteConnectOptions::new().filename(folder.path().join(DATABASE_FILE));
+    let mut db = options.connect().await.unwrap();
+    let bodies = "SELECT key FROM idempotency WHERE length(body) > 0 ORDER BY key";
+    let kept: Vec<String> = sqlx::query_scalar(bodies).fetch_all(&mut db).await.unwrap();
+    assert_eq!(kept, ["here", "job"]);
+    store.delete_cloud(&here).await.unwrap();
+    let kept: Vec<String> = sqlx::query_scalar(bodies).fetch_all(&mut db).await.unwrap();
+    assert_eq!(kept, ["job"]);
+    let gone = begin("here", uploads).await;
+    assert!(matches!(gone, IdempotencyState::CloudGone(_)), "{gone:?}");
+}

@@ -1,0 +1,12 @@
+//! The store by itself.
+
+mod attempts;
+mod catalogue;
+mod content;
+mod life;
+mod machine;
+pub(crate) mod migrations;
+mod moving;
+mod objects;
+pub(crate) mod support;
+mod writer;

@@ -1,0 +1,253 @@
+//! The writer: groups, contention with other processes, what stays after a reopening.
+
+use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
+
+use meshway::jobs::{Error, JobFilter, Lookup, Options, Status, Store};
+use sqlx::Row;
+
+use crate::store::support::{Bench, LEASE_MS, new_cloud, success};
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn eight_claimers_in_four_processes_never_share_a_job() {
+    const JOBS: usize = 200;
+    let bench = Bench::new().await;
+    let submitted = futures_util::future::join_all((0..JOBS).map(|_| bench.submit())).await;
+    let mut claimers = Vec::new();
+    for process in 0..4 {
+        let store = bench.second().await;
+        for slot in 0..2 {
+            let store = store.clone();
+            claimers.push(tokio::spawn(async move {
+                let worker = format!("{process}.{slot}");
+                let mut claimed = Vec::new();
+                while let Some(claim) = store.claim(&worker, LEASE_MS).await.unwrap() {
+                    assert_eq!(
+                        (claim.attempt, claim.job.worker.as_deref()),
+                        (1, Some(&*worker))
+                    );
+                    claimed.push(claim.job.id);
+                }
+                claimed
+            }));
+        }
+    }
+    let mut claimed = Vec::new();
+    for claimer in claimers {
+        claimed.extend(claimer.await.unwrap());
+    }
+    assert_eq!(claimed.len(), JOBS);
+    let distinct: BTreeSet<_> = claimed.into_iter().collect();
+    assert_eq!(distinct, submitted.into_iter().map(|job| job.id).collect());
+}
+
+#[tokio::test]
+async fn requests_that_wait_together_are_committed_together() {
+    let bench = Bench::new().await;
+    let mut changed = bench.store.changed();
+    let before = *changed.borrow_and_update();
+    futures_util::future::join_all((0..300).map(|_| bench.submit())).await;
+    let commits = *changed.borrow_and_update() - before;
+    // 300 requests at 64 a group are at least 5; the first of them may go alone, and the queue may
+    // be looked at while it fills.
+    assert!((5..=30).contains(&commits), "{commits} commits");
+    assert_eq!(bench.store.counts().await.unwrap().get(Status::Queued), 300);
+}
+
+#[tokio::test]
+async fn one_refused_request_does_not_touch_the_others_of_its_group() {
+    let bench = Bench::with(|options| options.queue_limit = 5).await;
+    let answers =
+        futures_util::future::join_all((0..40).map(|_| bench.store.submit(bench.new_job(), None)))
+            .await;
+    let accepted: Vec<_> = answers.iter().flatten().collect();
+    assert_eq!(accepted.len(), 5);
+    for job in accepted {
+        assert!(matches!(
+            bench.store.job(&job.id).await.unwrap(),
+            Lookup::Found(_)
+        ));
+    }
+    let refused = answers
+        .iter()
+        .filter(|a| matches!(a, Err(Error::QueueFull { .. })))
+        .count();
+    assert_eq!(refused, 35);
+}
+
+#[tokio::test]
+async fn an_answer_means_that_another_connection_sees_the_job() {
+    let bench = Bench::new().await;
+    let mut db = bench.connection().await;
+    for _ in 0..20 {
+        let job = bench.submit().await;
+        let found: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE id = ?1")
+            .bind(job.id.as_str())
+            .fetch_one(&mut db)
+            .await
+            .unwrap();
+        assert_eq!(found, 1);
+    }
+}
+
+#[tokio::test]
+async fn a_locked_database_is_busy_in_bounded_time_and_recovers() {
+    let bench = Bench::with(|options| options.busy_timeout = Duration::from_millis(200)).await;
+    let job = bench.submit().await;
+    let mut other = bench.connection().await;
+    sqlx::query("BEGIN IMMEDIATE")
+        .execute(&mut other)
+        .await
+        .unwrap();
+    let begun = Instant::now();
+    let refused = bench.store.submit(bench.new_job(), None).await;
+    assert!(matches!(refused, Err(Error::Busy)), "{refused:?}");
+    assert!(refused.unwrap_err().retryable());
+    // 0.2 s of waiting; the rest is room for a machine that does other things.
+    assert!(
+        begun.elapsed() < Duration::from_secs(5),
+        "{:?}",
+        begun.elapsed()
+    );
+    assert!(matches!(
+        bench.store.check_writable().await,
+        Err(Error::Busy)
+    ));
+    assert!(bench.store.claim("w", LEASE_MS).await.is_err());
+    assert_eq!(bench.job(&job.id).await, job, "reading goes on");
+    sqlx::query("ROLLBACK").execute(&mut other).await.unwrap();
+    bench.store.check_writable().await.unwrap();
+    assert_eq!(bench.claim().await.job.id, job.id);
+}
+
+#[tokio::test]
+async fn a_full_database_refuses_writes_whole_and_recovers() {
+    let bench = Bench::new().await;
+    let id = bench.submit().await.id;
+    let claim = bench.claim().await;
+    let mut large = success();
+    large.mesh = meshway::jobs::NewMesh::new(1, 1, vec![1; 4 << 20]);
+    // A trigger stands in for a full disk: it refuses the second chunk of a mesh.
+    let mut db = bench.content().await;
+    sqlx::query(
+        "CREATE TRIGGER refuse BEFORE INSERT ON chunks WHEN NEW.position = 1
+         BEGIN SELECT RAISE(ROLLBACK, 'no room'); END",
+    )
+    .execute(&mut db)
+    .await
+    .unwrap();
+    let (refused, other) = futures_util::join!(
+        bench.store.succeed(&claim, large.clone()),
+        bench.store.insert_cloud(new_cloud("b"))
+    );
+    assert!(refused.is_err());
+    // RAISE(ROLLBACK) ends the transaction as a full disk does: the group fails as one, or the
+    // other request was in another group; never is there an answer without a row.
+    let there = bench.store.cloud_by_sha256("b").await.unwrap();
+    assert_eq!(other.is_ok(), there.is_some());
+    assert_eq!(bench.job(&id).await, claim.job);
+    assert_eq!(bench.store.mesh_info(&id, 0).await.unwrap(), None);
+    assert_eq!(bench.store.model(&id).await.unwrap(), None);
+    sqlx::query("DROP TRIGGER refuse")
+        .execute(&mut db)
+        .await
+        .unwrap();
+    bench.store.succeed(&claim, large).await.unwrap();
+    assert_eq!(bench.job(&id).await.status, Status::Succeeded);
+}
+
+#[tokio::test]
+async fn what_was_answered_is_there_after_a_reopening() {
+    let bench = Bench::new().await;
+    let queued = bench.submit().await;
+    bench.store.close().await;
+    let closed = bench.store.submit(bench.new_job(), None).await;
+    assert!(matches!(closed, Err(Error::Closed)), "{closed:?}");
+    assert!(matches!(
+        bench.store.job(&queued.id).await,
+        Err(Error::Closed)
+    ));
+
+    let store = bench.second().await;
+    assert_eq!(
+        store.job(&queued.id).await.unwrap(),
+        Lookup::Found(Box::new(queued.clone()))
+    );
+    // A process that dies closes nothing: what it committed is in the log.
+    let claim = store.claim("w", LEASE_MS).await.unwrap().unwrap();
+    let again = bench.second().await;
+    assert_eq!(
+        again.job(&queued.id).await.unwrap().found(),
+        Some(claim.job)
+    );
+}
+
+#[tokio::test]
+async fn a_caller_that_goes_away_leaves_all_or_nothing() {
+    let bench = Bench::new().await;
+    for patience in 0..20 {
+        let submit = bench.store.submit(bench.new_job(), None);
+        // However far it came; the write itself is not stopped half-way.
+        let _ = tokio::time::timeout(Duration::from_micros(patience * 50), submit).await;
+    }
+    let last = bench.submit().await;
+    let jobs = bench
+        .store
+        .list_jobs(&JobFilter::default(), None, 50)
+        .await
+        .unwrap();
+    assert!(jobs.iter().any(|job| job.id == last.id));
+    for job in jobs {
+        assert_eq!(bench.event_names(&job.id).await, ["job.queued"]);
+    }
+}
+
+#[tokio::test]
+async fn processes_that_open_a_new_folder_together_agree() {
+    let dir = tempfile::tempdir().unwrap();
+    let opened =
+        futures_util::future::join_all((0..6).map(|_| Store::open(dir.path(), Options::default())))
+            .await;
+    for store in opened {
+        store.unwrap().check_writable().await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn a_folder_that_is_not_there_is_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    assert!(
+        Store::open(&dir.path().join("none"), Options::default())
+            .await
+            .is_err()
+    );
+    std::fs::write(dir.path().join("meshway.db"), [b'x'; 4096]).unwrap();
+    assert!(Store::open(dir.path(), Options::default()).await.is_err());
+}
+
+#[tokio::test]
+async fn a_change_wakes_who_subscribed_before_reading() {
+    let bench = Bench::new().await;
+    let mut changed = bench.store.changed();
+    bench.submit().await;
+    assert!(changed.has_changed().unwrap());
+    changed.borrow_and_update();
+    bench.store.wake();
+    changed.changed().await.unwrap();
+}
+
+#[tokio::test]
+async fn the_database_is_durable_by_its_settings() {
+    let bench = Bench::new().await;
+    let mut db = bench.connection().await;
+    let mode = sqlx::query("PRAGMA journal_mode")
+        .fetch_one(&mut db)
+        .await
+        .unwrap();
+    assert_eq!(mode.get::<String, _>(0), "wal");
+    let check = sqlx::query("PRAGMA integrity_check")
+        .fetch_one(&mut db)
+        .await
+        .unwrap();
+    assert_eq!(check.get::<String, _>(0), "ok");
+}
