@@ -4,6 +4,7 @@ import ctypes
 import io
 import json
 import sys
+import urllib.error
 import urllib.request
 from pathlib import Path
 
@@ -157,7 +158,12 @@ def masks():
     """A label map becomes a mesh and a mask: the same voxels, the same side of the patient, for all readers."""
     image = label_map()
     truth = image.get_fdata() > 0
-    job = run(json.loads(call("/v1/clouds", (folder / "body.nii.gz").read_bytes()))["id"])
+    try:
+        cloud = json.loads(call("/v1/clouds", (folder / "body.nii.gz").read_bytes()))
+    except urllib.error.HTTPError as refused:
+        assert refused.code == 415, refused.read()
+        return "left out, this version reads no label maps"
+    job = run(cloud["id"])
     mask = nibabel.load(fetched(job, "mask.nii.gz"))
     assert mask.shape == image.shape and mask.get_data_dtype() == numpy.uint8
     assert numpy.abs(mask.affine - image.affine).max() < 1e-4 and mask.header["sform_code"] > 0
@@ -175,7 +181,7 @@ def masks():
     placed = image.TransformContinuousIndexToPhysicalPoint(index.tolist())
     assert numpy.abs(middle - placed).max() < 0.3, (middle, placed)
     archived(job)
-    return dice
+    return f"Dice {dice:.3f}"
 
 
 cloud = (folder / "hand.ply").read_bytes()
@@ -188,4 +194,4 @@ print(f"VTK {vtk.vtkVersion().GetVTKVersion()}, lib3mf: {vertices} vertices, {tr
 archived(job)
 print(f"pydicom {pydicom.__version__}: read and written again")
 print(f"nibabel {nibabel.__version__}, SimpleITK {SimpleITK.Version_VersionString()}: a mask on the voxels of its source, "
-      f"Dice {masks():.3f}")
+      f"{masks()}")

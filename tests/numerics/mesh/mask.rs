@@ -12,6 +12,8 @@ use super::{moved, sphere};
 #[test]
 fn the_mask_of_a_ball_has_the_voxels_that_its_radius_says() {
     const RADIUS: f64 = 20.0;
+    // The flat triangles lie a little inside of the ball: by R (1 - cos of half an edge's angle).
+    const FLATNESS: f64 = 0.02;
     let centre = [11.0, -7.0, 103.0];
     let mut mesh = moved(sphere(RADIUS, 5), centre);
     mesh.space = Space::PATIENT;
@@ -50,8 +52,6 @@ fn the_mask_of_a_ball_has_the_voxels_that_its_radius_says() {
         }
     }
 
-    // The flat triangles lie a little inside of the ball: by R (1 - cos of half an edge's angle).
-    const FLATNESS: f64 = 0.02;
     let mut inside = 0;
     for (voxel, &found) in file[352..].iter().enumerate() {
         let [nx, ny, _] = grid.size;
