@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::MAX_EXPANSION;
 use crate::reconstruction::Warning;
 use crate::reconstruction::cloud::{self, Format, PointCloud};
+use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::Bounds;
 
 /// What the reading of a file found; kept with the cloud.
@@ -22,6 +23,9 @@ pub struct Summary {
     pub normals: bool,
     /// Number of points by label; those without one lie on the surface.
     pub labels: cloud::Counts,
+    /// Frame and unit of the coordinates, as far as the file says them.
+    #[serde(flatten)]
+    pub space: Space,
     /// Points that were left out because a coordinate is not finite.
     pub dropped_non_finite: u64,
     /// What the user should know.
@@ -73,6 +77,7 @@ pub fn sum_up(cloud: &PointCloud, source: &cloud::Source) -> Result<Summary, clo
         bounds: cloud.bounds().ok_or(cloud::Error::Empty)?,
         normals: cloud.normals.is_some(),
         labels: cloud.counts(),
+        space: cloud.space,
         dropped_non_finite: source.dropped_non_finite as u64,
         warnings: source.warnings.iter().map(Notice::from).collect(),
     })

@@ -6,6 +6,7 @@ use super::Time;
 use crate::intake::Notice;
 use crate::jobs::{self, CloudId};
 use crate::reconstruction::cloud::{Counts, Format};
+use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::Bounds;
 
 /// A cloud: its row, and what the upload found.
@@ -20,6 +21,8 @@ pub(in crate::http) struct Cloud<'a> {
     bounds: Bounds,
     normals: bool,
     labels: Counts,
+    #[serde(flatten)]
+    space: Space,
     dropped_non_finite: u64,
     warnings: &'a [Notice],
     created_at: Time,
@@ -49,6 +52,7 @@ impl<'a> From<&'a jobs::Cloud> for Cloud<'a> {
             bounds: summary.bounds,
             normals: summary.normals,
             labels: summary.labels,
+            space: summary.space,
             dropped_non_finite: summary.dropped_non_finite,
             warnings: &summary.warnings,
             created_at: Time(cloud.created_at),

@@ -55,6 +55,8 @@ struct Links {
     report: String,
     model: String,
     field: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mask: Option<String>,
 }
 
 impl<'a> Job<'a> {
@@ -105,9 +107,16 @@ impl Links {
             report: below("report"),
             model: below("model"),
             field: below("field"),
+            mask: has_grid(job).then(|| below("mask.nii.gz")),
             own,
         }
     }
+}
+
+/// Whether its cloud came from a label map, so that its mesh can be one.
+fn has_grid(job: &jobs::Job) -> bool {
+    let report = job.report.as_ref();
+    report.is_some_and(|report| report["grid"].is_object())
 }
 
 /// What a job would be and cost.

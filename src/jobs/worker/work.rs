@@ -107,7 +107,7 @@ pub fn reconstruction(
         bytes: assignment.cloud.bytes,
         points: points.points.len(),
     };
-    result.report.read_from(vec![input], source.warnings);
+    result.report.read_from(vec![input], source);
     Ok(Product {
         mesh: result.mesh,
         report: serde_json::to_value(&result.report).map_err(Failure::internal)?,

@@ -8,7 +8,7 @@ mod verdict;
 
 use serde::{Deserialize, Serialize};
 
-use crate::reconstruction::cloud::PointCloud;
+use crate::reconstruction::cloud::{PointCloud, Source};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::network::Ensemble;
@@ -17,6 +17,8 @@ use crate::reconstruction::plan::Plan;
 use crate::reconstruction::quality::{self, Comparison, Judge, MeshReport};
 use crate::reconstruction::sampling::{Counts, NormalSource, Prepared};
 use crate::reconstruction::settings::Settings;
+use crate::reconstruction::slices::{Grid, Identifiers};
+use crate::reconstruction::space::Space;
 use crate::reconstruction::surface::Field;
 use crate::reconstruction::training::{Termination, Trained};
 use crate::reconstruction::vector::Vec3;
@@ -165,6 +167,15 @@ pub struct Report {
     pub versions: Versions,
     /// The files; filled in by the caller, who read them.
     pub inputs: Vec<Input>,
+    /// What the coordinates of cloud and mesh mean.
+    #[serde(flatten)]
+    pub space: Space,
+    /// The voxels of the label map that the cloud was made of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grid: Option<Grid>,
+    /// Patient and study, where the user had them kept.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub identifiers: Option<Identifiers>,
     /// Complete settings, seed included.
     pub settings: Settings,
     /// What was trained.
@@ -214,9 +225,11 @@ pub(super) struct Subject<'a> {
 
 impl Report {
     /// Adds what the cloud was read from, and the warnings of its readers, which came first.
-    pub fn read_from(&mut self, inputs: Vec<Input>, warnings: Vec<Warning>) {
+    pub fn read_from(&mut self, inputs: Vec<Input>, source: Source) {
         self.inputs = inputs;
-        self.warnings.splice(0..0, warnings);
+        self.grid = source.grid;
+        self.identifiers = source.identifiers;
+        self.warnings.splice(0..0, source.warnings);
     }
 
     /// Measures the subject; the caller fills in `inputs` and `seconds`.
@@ -263,6 +276,9 @@ impl Report {
             verdict_reasons,
             versions: Versions::current(),
             inputs: Vec::new(),
+            space: cloud.space,
+            grid: None,
+            identifiers: None,
             settings: settings.clone(),
             network: NetworkReport::new(&plan.ensemble),
             blocks: subject.blocks.clone(),

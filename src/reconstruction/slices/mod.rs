@@ -3,7 +3,17 @@
 //! A reader finds the geometry of a stack in the header of a file and then hands over one plane after
 //! the other, so that memory does not grow with the volume.
 
+mod grid;
+mod identifiers;
+mod inside;
+mod label_map;
+
 use super::vector::Vec3;
+
+pub use grid::Grid;
+pub use identifiers::Identifiers;
+pub use inside::Inside;
+pub use label_map::write_mask;
 
 /// Where the slices of a stack lie, in millimetres of the patient (LPS: x to the left, y to the back,
 /// z to the head).
