@@ -3,7 +3,23 @@
 //! A reader finds the geometry of a stack in the header of a file and then hands over one plane after
 //! the other, so that memory does not grow with the volume.
 
+mod blur;
+mod builder;
+mod distance;
+mod lattice;
+mod layers;
+mod mask;
+mod polygons;
+mod priority;
+mod runs;
+mod sides;
+mod summary;
+mod thinning;
+
 use super::vector::Vec3;
+
+pub use builder::Builder;
+pub use summary::{Face, Summary};
 
 /// Where the slices of a stack lie, in millimetres of the patient (LPS: x to the left, y to the back,
 /// z to the head).
