@@ -13,6 +13,7 @@ use crate::reconstruction::cloud::{Label, PointCloud};
 use crate::reconstruction::mesh::write::{Format, holds, write};
 use crate::reconstruction::report::Verdict;
 use crate::reconstruction::settings::assignments;
+use crate::reconstruction::slices::Record;
 use crate::reconstruction::training::Metrics;
 use crate::reconstruction::{
     Event, Input, Observer, Preset, Reconstruction, Report, Settings, Warning, in_pool,
@@ -100,7 +101,7 @@ fn run_with(
     sinks: &Sinks,
 ) -> Result<(), Failure> {
     let progress = Progress::new(arguments.quiet);
-    let (cloud, inputs, warnings) = cloud(arguments, path, &progress)?;
+    let (cloud, inputs, warnings, record) = cloud(arguments, path, &progress)?;
     // As fine as a mesh of it can be; what it really has is looked at when it is written.
     if let Some(bounds) = cloud.bounds()
         && !holds(
@@ -119,6 +120,9 @@ fn run_with(
     progress.finish();
     let mut result = outcome.map_err(|error| Failure::of(error, path))?;
     result.report.read_from(inputs, warnings);
+    if let Some(record) = &record {
+        result.report.made_of(record, &result.mesh);
+    }
     sinks.write(&result, &progress)?;
     progress.say(&result.report.summary());
     if let Some(name) = sinks.mesh.name() {
@@ -180,19 +184,20 @@ fn threads(asked: Option<usize>) -> Result<usize, Failure> {
     }
 }
 
-/// The cloud of all files, what the report records of each, and what their readers warn of.
+/// The cloud of all files, what the report records of each, what their readers warn of, and the slices that the first
+/// was made of.
 fn cloud(
     arguments: &Arguments,
     path: &Path,
     progress: &Progress,
-) -> Result<(PointCloud, Vec<Input>, Vec<Warning>), Failure> {
+) -> Result<(PointCloud, Vec<Input>, Vec<Warning>, Option<Record>), Failure> {
     let parts = [
         (Some(path), None),
         (arguments.interior.as_deref(), Some(Label::Interior)),
         (arguments.exterior.as_deref(), Some(Label::Exterior)),
     ];
     let mut whole: Option<PointCloud> = None;
-    let (mut inputs, mut warnings) = (Vec::new(), Vec::new());
+    let (mut inputs, mut warnings, mut record) = (Vec::new(), Vec::new(), None);
     for (path, label) in parts {
         let Some(path) = path else { continue };
         let (part, source, input) = read_cloud(path)?;
@@ -200,6 +205,9 @@ fn cloud(
             progress.event(Event::Warning(warning));
         }
         warnings.extend(source.warnings);
+        if label.is_none() {
+            record = source.slices;
+        }
         inputs.push(input);
         let part = match label {
             Some(label) => part.with_label(label),
@@ -210,7 +218,7 @@ fn cloud(
             Some(whole) => whole.append(part),
         }
     }
-    Ok((whole.unwrap_or_default(), inputs, warnings))
+    Ok((whole.unwrap_or_default(), inputs, warnings, record))
 }
 
 /// All the places that results go to, checked before the work begins.

@@ -108,6 +108,9 @@ pub fn reconstruction(
         points: points.points.len(),
     };
     result.report.read_from(vec![input], source.warnings);
+    if let Some(record) = &source.slices {
+        result.report.made_of(record, &result.mesh);
+    }
     Ok(Product {
         mesh: result.mesh,
         report: serde_json::to_value(&result.report).map_err(Failure::internal)?,

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::{Error, Format, PointCloud, npy, obj, off, pcd, ply, stl, xyz};
 use crate::reconstruction::Warning;
+use crate::reconstruction::slices::Record;
 
 /// What a file may cost.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,7 +44,7 @@ impl Limits {
 }
 
 /// How a cloud was read.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Source {
     /// Format of the file.
     pub format: Format,
@@ -53,6 +54,9 @@ pub struct Source {
     pub dropped_non_finite: usize,
     /// What the user should know.
     pub warnings: Vec<Warning>,
+    /// The slices that the points were made of.
+    #[serde(skip)]
+    pub slices: Option<Record>,
 }
 
 /// Reads a cloud from the bytes of a file; `name` is the file's name, if known.
@@ -94,6 +98,7 @@ pub fn read(
         gzipped,
         dropped_non_finite,
         warnings,
+        slices: None,
     };
     Ok((cloud, source))
 }

@@ -2,6 +2,8 @@
 
 mod blocks;
 mod evidence;
+mod field;
+mod slices;
 mod stopwatch;
 mod surface;
 mod verdict;
@@ -17,11 +19,14 @@ use crate::reconstruction::plan::Plan;
 use crate::reconstruction::quality::{self, Comparison, Judge, MeshReport};
 use crate::reconstruction::sampling::{Counts, NormalSource, Prepared};
 use crate::reconstruction::settings::Settings;
+use crate::reconstruction::slices::Record;
 use crate::reconstruction::surface::Field;
 use crate::reconstruction::training::{Termination, Trained};
 use crate::reconstruction::vector::Vec3;
 
 pub use blocks::{BlocksReport, EachBlock};
+pub use field::FieldAtPoints;
+pub use slices::SlicesReport;
 pub use stopwatch::Seconds;
 pub(super) use stopwatch::Stopwatch;
 pub use surface::{Simplification, SurfaceReport};
@@ -131,17 +136,6 @@ impl CloudReport {
     }
 }
 
-/// |f| at the surface points: 0 where the network fits them.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct FieldAtPoints {
-    /// Mean of |f|.
-    pub mean: f64,
-    /// Root of the mean of f².
-    pub rms: f64,
-    /// Largest |f|.
-    pub max: f64,
-}
-
 /// Versions of what computed the run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Versions {
@@ -162,6 +156,9 @@ pub struct Report {
     pub versions: Versions,
     /// The files; filled in by the caller, who read them.
     pub inputs: Vec<Input>,
+    /// The slices that the cloud was made of; none of a cloud that was given as points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub slices: Option<SlicesReport>,
     /// Complete settings, seed included.
     pub settings: Settings,
     /// What was trained.
@@ -216,6 +213,11 @@ impl Report {
         self.warnings.splice(0..0, warnings);
     }
 
+    /// Adds the slices that the cloud was made of, and how `mesh` agrees with them.
+    pub fn made_of(&mut self, record: &Record, mesh: &TriangleMesh) {
+        self.slices = Some(SlicesReport::new(record, mesh, self.mesh.volume));
+    }
+
     /// Measures the subject; the caller fills in `inputs` and `seconds`.
     pub(super) fn new(
         subject: &Subject<'_>,
@@ -260,6 +262,7 @@ impl Report {
             verdict_reasons,
             versions: Versions::current(),
             inputs: Vec::new(),
+            slices: None,
             settings: settings.clone(),
             network: NetworkReport::new(&plan.ensemble),
             blocks: subject.blocks.clone(),
@@ -317,6 +320,7 @@ impl Report {
                 ));
             }
         }
+        lines.extend(self.slices.iter().map(SlicesReport::line));
         let told = |code| {
             self.verdict_reasons
                 .iter()
@@ -343,29 +347,6 @@ fn name(value: &impl Serialize) -> String {
         .ok()
         .and_then(|value| value.as_str().map(str::to_owned))
         .unwrap_or_default()
-}
-
-impl FieldAtPoints {
-    fn measure(subject: &Subject<'_>) -> Result<Self, Error> {
-        let Subject {
-            cloud,
-            prepared,
-            field,
-            ..
-        } = *subject;
-        let points: Vec<Vec3> = prepared
-            .measured(cloud)
-            .map(|p| prepared.frame.to_unit(p))
-            .collect();
-        let mut values = vec![0.0; points.len()];
-        field.values(&points, &mut values)?;
-        let count = values.len().max(1) as f64;
-        Ok(Self {
-            mean: values.iter().map(|v| v.abs()).sum::<f64>() / count,
-            rms: (values.iter().map(|v| v * v).sum::<f64>() / count).sqrt(),
-            max: values.iter().fold(0.0, |max, v| max.max(v.abs())),
-        })
-    }
 }
 
 impl Versions {
