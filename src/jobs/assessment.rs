@@ -7,8 +7,8 @@ use serde_json::{Map, Value, json};
 
 use crate::reconstruction::report::Verdict;
 
-/// The members of a job's JSON that its report gives: `verdict`, `verdict_reasons`, `warnings`, `mesh`
-/// and `slices`, each null without a report and where the report has none.
+/// The members of a job's JSON that its report gives: `verdict`, `verdict_reasons`, `warnings`, `mesh`, `slices`,
+/// `frame` and `unit`, each null without a report and where the report has none.
 pub fn members(report: Option<&Value>) -> Map<String, Value> {
     let report = report.unwrap_or(&Value::Null);
     let list = |name: &str| match &report[name] {
@@ -21,6 +21,8 @@ pub fn members(report: Option<&Value>) -> Map<String, Value> {
         ("warnings", list("warnings")),
         ("mesh", mesh(report)),
         ("slices", slices(report)),
+        ("frame", report["frame"].clone()),
+        ("unit", report["unit"].clone()),
     ];
     let named = members.map(|(name, value)| (name.to_owned(), value));
     named.into_iter().collect()
@@ -67,7 +69,7 @@ mod tests {
     #[test]
     fn what_a_report_does_not_say_is_null() {
         let nothing = members(None);
-        assert_eq!(nothing.len(), 5);
+        assert_eq!(nothing.len(), 7);
         for report in [
             json!({}),
             json!(null),

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::{Error, Format, PointCloud, npy, obj, off, pcd, ply, stl, xyz};
 use crate::reconstruction::Warning;
-use crate::reconstruction::slices::Record;
+use crate::reconstruction::slices::{Grid, Identifiers, Record};
 
 /// What a file may cost.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,6 +57,10 @@ pub struct Source {
     /// The slices that the points were made of.
     #[serde(skip)]
     pub slices: Option<Record>,
+    /// The voxels of a label map.
+    pub grid: Option<Grid>,
+    /// Patient and study, where they are to be kept.
+    pub identifiers: Option<Identifiers>,
 }
 
 /// Reads a cloud from the bytes of a file; `name` is the file's name, if known.
@@ -99,6 +103,8 @@ pub fn read(
         dropped_non_finite,
         warnings,
         slices: None,
+        grid: None,
+        identifiers: None,
     };
     Ok((cloud, source))
 }

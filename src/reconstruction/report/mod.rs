@@ -10,7 +10,7 @@ mod verdict;
 
 use serde::{Deserialize, Serialize};
 
-use crate::reconstruction::cloud::PointCloud;
+use crate::reconstruction::cloud::{PointCloud, Source};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::network::Ensemble;
@@ -19,7 +19,8 @@ use crate::reconstruction::plan::Plan;
 use crate::reconstruction::quality::{self, Comparison, Judge, MeshReport};
 use crate::reconstruction::sampling::{Counts, NormalSource, Prepared};
 use crate::reconstruction::settings::Settings;
-use crate::reconstruction::slices::Record;
+use crate::reconstruction::slices::{Grid, Identifiers};
+use crate::reconstruction::space::Space;
 use crate::reconstruction::surface::Field;
 use crate::reconstruction::training::{Termination, Trained};
 use crate::reconstruction::vector::Vec3;
@@ -159,6 +160,15 @@ pub struct Report {
     /// The slices that the cloud was made of; none of a cloud that was given as points.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub slices: Option<SlicesReport>,
+    /// What the coordinates of cloud and mesh mean.
+    #[serde(flatten)]
+    pub space: Space,
+    /// The voxels of the label map that the cloud was made of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grid: Option<Grid>,
+    /// Patient and study, where the user had them kept.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub identifiers: Option<Identifiers>,
     /// Complete settings, seed included.
     pub settings: Settings,
     /// What was trained.
@@ -208,14 +218,15 @@ pub(super) struct Subject<'a> {
 
 impl Report {
     /// Adds what the cloud was read from, and the warnings of its readers, which came first.
-    pub fn read_from(&mut self, inputs: Vec<Input>, warnings: Vec<Warning>) {
+    /// `mesh` is held against the slices that it was made of.
+    pub fn read_from(&mut self, inputs: Vec<Input>, source: Source, mesh: &TriangleMesh) {
         self.inputs = inputs;
-        self.warnings.splice(0..0, warnings);
-    }
-
-    /// Adds the slices that the cloud was made of, and how `mesh` agrees with them.
-    pub fn made_of(&mut self, record: &Record, mesh: &TriangleMesh) {
-        self.slices = Some(SlicesReport::new(record, mesh, self.mesh.volume));
+        self.slices = source
+            .slices
+            .map(|record| SlicesReport::new(&record, mesh, self.mesh.volume));
+        self.grid = source.grid;
+        self.identifiers = source.identifiers;
+        self.warnings.splice(0..0, source.warnings);
     }
 
     /// Measures the subject; the caller fills in `inputs` and `seconds`.
@@ -263,6 +274,9 @@ impl Report {
             versions: Versions::current(),
             inputs: Vec::new(),
             slices: None,
+            space: cloud.space,
+            grid: None,
+            identifiers: None,
             settings: settings.clone(),
             network: NetworkReport::new(&plan.ensemble),
             blocks: subject.blocks.clone(),

@@ -20,6 +20,7 @@ use super::{Content, Geometry, Plane};
 use crate::reconstruction::cloud::{Error, Label, PointCloud};
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::random::{Generator, Purpose, stream};
+use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::Vec3;
 
 /// Slices in a row without the label between two with it, up to which it may be that they were left out.
@@ -275,6 +276,7 @@ fn thinned(points: Thinned, radius: f64) -> Vec<Vec3> {
 fn labelled(points: Vec<Vec3>, label: Label) -> PointCloud {
     PointCloud {
         points,
+        space: Space::PATIENT,
         ..PointCloud::default()
     }
     .with_label(label)

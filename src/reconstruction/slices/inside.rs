@@ -121,3 +121,86 @@ impl<'a> Inside<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruction::slices::Grid;
+
+    /// A tetrahedron with corners at the origin and at 8 along each axis.
+    fn corner() -> TriangleMesh {
+        TriangleMesh {
+            vertices: vec![[0.0; 3], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0], [0.0, 0.0, 8.0]],
+            triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+            ..TriangleMesh::default()
+        }
+    }
+
+    fn compare(grid: &Grid) -> usize {
+        let (mesh, geometry) = (corner(), grid.geometry());
+        let [columns, rows, slices] = grid.size;
+        let inside = Inside::new(&mesh, &geometry, [columns, rows]);
+        let mut count = 0;
+        for k in 0..slices {
+            for (pixel, found) in inside.slice(k).into_iter().enumerate() {
+                let place = [pixel % columns, pixel / columns, k].map(|index| index as f64);
+                let [x, y, z] = grid.centre(place);
+                let expected = x > 0.0 && y > 0.0 && z > 0.0 && x + y + z < 8.0;
+                assert_eq!(found, expected, "{place:?}");
+                count += usize::from(found);
+            }
+        }
+        count
+    }
+
+    #[test]
+    fn pixels_are_inside_as_the_inequalities_of_a_tetrahedron_say() {
+        // Oblique, sheared and left-handed: no centre lies on a face.
+        let oblique = Grid {
+            size: [23, 19, 17],
+            affine: [
+                [-0.71, 0.13, 0.05, 9.03],
+                [0.09, 0.64, -0.21, -1.57],
+                [0.03, -0.11, 0.83, -1.83],
+            ],
+        };
+        assert!(compare(&oblique) > 100);
+        // Slices downwards, and the mesh larger than the grid.
+        let small = Grid {
+            size: [4, 5, 3],
+            affine: [
+                [0.51, 0.0, 0.0, 0.3],
+                [0.0, 0.47, 0.0, 0.2],
+                [0.0, 0.0, -0.59, 3.1],
+            ],
+        };
+        assert_eq!(compare(&small), 60);
+    }
+
+    #[test]
+    fn corners_and_edges_in_rows_and_planes_leave_no_streaks() {
+        // Centres lie on corners, edges and faces.
+        let grid = Grid {
+            size: [13, 13, 13],
+            affine: [
+                [1.0, 0.0, 0.0, -2.0],
+                [0.0, 1.0, 0.0, -2.0],
+                [0.0, 0.0, 1.0, -2.0],
+            ],
+        };
+        let (mesh, geometry) = (corner(), grid.geometry());
+        let inside = Inside::new(&mesh, &geometry, [13, 13]);
+        for k in 0..13 {
+            for (pixel, found) in inside.slice(k).into_iter().enumerate() {
+                let [x, y, z] = [pixel % 13, pixel / 13, k].map(|index| index as f64 - 2.0);
+                let sum = x + y + z;
+                if x > 0.0 && y > 0.0 && z > 0.0 && sum < 8.0 {
+                    assert!(found, "{x} {y} {z}");
+                }
+                if x < 0.0 || y < 0.0 || z < 0.0 || sum > 8.0 {
+                    assert!(!found, "{x} {y} {z}");
+                }
+            }
+        }
+    }
+}

@@ -6,7 +6,10 @@
 mod blur;
 mod builder;
 mod distance;
+mod grid;
+mod identifiers;
 mod inside;
+mod label_map;
 mod lattice;
 mod layers;
 mod mask;
@@ -26,7 +29,10 @@ mod tests;
 use super::vector::Vec3;
 
 pub use builder::{Builder, Record};
+pub use grid::Grid;
+pub use identifiers::Identifiers;
 pub use inside::Inside;
+pub use label_map::write_mask;
 pub use occupancy::{Occupancy, Overlap};
 pub use summary::{Face, Summary};
 

@@ -13,8 +13,8 @@ use crate::reconstruction::vector::Vec3;
 /// Most places of each side.
 const SIDES: usize = 3_000;
 
-/// Points beyond which they are thinned further, so that memory has a bound.
-const MAX_POINTS: usize = 500_000;
+/// Points beyond which they are thinned further, so that memory and time have a bound.
+const MAX_POINTS: usize = 100_000;
 
 /// A layer in its place.
 #[derive(Debug, Clone, Copy)]
