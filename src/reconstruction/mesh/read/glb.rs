@@ -1,5 +1,6 @@
 //! glTF 2.0 in its binary container, as our own writer makes it: one list of triangles in one node
-//! that is at most moved, or has the matrix that our writer gives it, which is undone (Khronos, glTF 2.0 Specification, sections 3.6 and 4.4).
+//! that is at most moved, or has the matrix that our writer gives it, which is undone (Khronos, glTF 2.0
+//! Specification, sections 3.6 and 4.4).
 
 use serde_json::{Value, json};
 
@@ -25,13 +26,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
     let (binary, _) = chunk(rest, "BIN\0")?;
     let node = only(&document["nodes"])?;
     let primitive = only(&only(&document["meshes"])?["primitives"])?;
-    let (space, moved) = match node.get("extras") {
-        None => (Space::default(), node.get("translation")),
-        Some(extras) => {
-            let space = serde_json::from_value(extras["space"].clone());
-            let space = space.map_err(|_| header("the node has extras that are not ours"))?;
-            (space, extras.get("offset").filter(|given| !given.is_null()))
-        }
+    let extras = &node["extras"];
+    let space: Space = serde_json::from_value(extras["space"].clone()).unwrap_or_default();
+    let moved = if space == Space::default() {
+        node.get("translation")
+    } else {
+        extras.get("offset").filter(|given| !given.is_null())
     };
     let foreign_matrix = space == Space::default() && node.get("matrix").is_some();
     let turned = ["children", "rotation", "scale"];

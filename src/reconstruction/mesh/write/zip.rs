@@ -56,11 +56,13 @@ impl<'w, W: Write> Archive<'w, W> {
         file.write_head(&mut self.out)?;
         self.out.write_all(name.as_bytes())?;
         let before = self.out.count()?;
-        let encoder = DeflateEncoder::new(&mut self.out, Compression::default());
-        let mut counted = Counting::new(encoder);
-        content(&mut counted)?;
-        (file.checksum, file.unpacked) = (counted.checksum.sum(), counted.count()?);
-        counted.inner.finish()?;
+        {
+            let encoder = DeflateEncoder::new(&mut self.out, Compression::default());
+            let mut counted = Counting::new(encoder);
+            content(&mut counted)?;
+            (file.checksum, file.unpacked) = (counted.checksum.sum(), counted.count()?);
+            counted.inner.finish()?;
+        }
         file.packed = self.out.count()? - before;
         self.out.write_all(b"PK\x07\x08")?;
         for number in [file.checksum, file.packed, file.unpacked] {
