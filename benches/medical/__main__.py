@@ -84,10 +84,10 @@ def main():
         for spacing in SPACINGS:
             if re.search(options.only, f"{solid}-{spacing[2]:g}"):
                 rows += measure(options, solid, spacing)
+                (options.out / "figures.json").write_text(json.dumps(rows, indent=1) + "\n")
                 print(table(rows[-4:]).splitlines()[2], file=sys.stderr, flush=True)
     if not rows:
         sys.exit(f"medical: no case matches {options.only!r}")
-    (options.out / "figures.json").write_text(json.dumps(rows, indent=1) + "\n")
     print(f"{datetime.date.today()}, {len(os.sched_getaffinity(0))} cores\n\n{table(rows)}")
 
 
