@@ -16,8 +16,8 @@ from vtk.util.numpy_support import numpy_to_vtk
 RENDER = pathlib.Path(__file__).resolve().parents[2] / "scripts" / "render.py"
 
 # Case: azimuth and elevation.
-CASES = {"organ-5": (-50, 15), "vertebra-3": (150, 25), "aorta-5": (-70, 10)}
-TRUTH_SPACING = 0.4
+CASES = {"organ-5": (-50, 15)}
+TRUTH_SPACING = 0.8
 
 
 def truth(name, path):

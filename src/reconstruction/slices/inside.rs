@@ -116,8 +116,8 @@ impl<'a> Inside<'a> {
     fn cross_rows(&self, a: [f64; 2], b: [f64; 2], crossings: &mut [Vec<f64>]) {
         let ([x, y], [far_x, far_y]) = if a[1] <= b[1] { (a, b) } else { (b, a) };
         let row = |y: f64| y.ceil().clamp(0.0, self.rows as f64) as usize;
-        let crossed = row(y)..row(far_y);
-        for (at, crossings) in crossed.clone().zip(&mut crossings[crossed]) {
+        let crossed = crossings.iter_mut().enumerate().take(row(far_y));
+        for (at, crossings) in crossed.skip(row(y)) {
             crossings.push(x + (at as f64 - y) / (far_y - y) * (far_x - x));
         }
     }
