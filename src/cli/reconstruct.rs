@@ -110,7 +110,8 @@ fn run_with(
     let outcome = reconstruct(&cloud, settings, &progress);
     progress.finish();
     let mut result = outcome.map_err(|error| Failure::of(error, path))?;
-    result.report.read_from(inputs, source);
+    let mesh = &result.mesh;
+    result.report.read_from(inputs, source, mesh);
     sinks.write(&result, &progress)?;
     progress.say(&result.report.summary());
     if let Some(name) = sinks.mesh.name() {

@@ -21,6 +21,8 @@ pub struct Assessment {
     pub warnings: Option<Vec<Notice>>,
     /// What the mesh is.
     pub mesh: Option<MeshSummary>,
+    /// What was made of the slices of a segmentation.
+    pub slices: Option<Value>,
     /// Which way the axes of its coordinates point in a patient.
     pub frame: Option<Frame>,
     /// Unit of its coordinates.
@@ -57,6 +59,7 @@ impl Assessment {
             verdict_reasons: notices(&report["verdict_reasons"]),
             warnings: notices(&report["warnings"]),
             mesh: MeshSummary::of(report),
+            slices: report.get("slices").filter(|slices| slices.is_object()).cloned(),
             frame: Frame::deserialize(&report["frame"]).ok(),
             unit: Unit::deserialize(&report["unit"]).ok(),
         }
@@ -108,11 +111,11 @@ mod tests {
     fn what_a_report_does_not_say_is_null() {
         let nothing = json!(Assessment::of(None));
         let members = nothing.as_object().unwrap();
-        assert!(members.len() == 6 && members.values().all(Value::is_null));
+        assert!(members.len() == 7 && members.values().all(Value::is_null));
         for report in [
             json!({}),
             json!(null),
-            json!({"verdict": "splendid", "verdict_reasons": {}, "warnings": 1, "mesh": []}),
+            json!({"verdict": "splendid", "verdict_reasons": {}, "warnings": 1, "mesh": [], "slices": 2}),
             json!({"verdict": null, "mesh": {"closed": true}}),
         ] {
             assert_eq!(json!(Assessment::of(Some(&report))), nothing, "{report}");

@@ -113,6 +113,8 @@ impl Unit {
 
 /// Frame and unit of coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+// Clouds and reports of earlier versions have neither.
+#[serde(default)]
 pub struct Space {
     /// Which way the axes point.
     pub frame: Frame,

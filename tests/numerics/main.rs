@@ -18,6 +18,7 @@ mod readers;
 mod reconstruction;
 mod sampling;
 mod shapes;
+mod slices;
 mod surface;
 mod traces;
 mod training;

@@ -61,6 +61,7 @@ catalogue! {
     CloudTooFewPoints "cloud_too_few_points" 422 false "The cloud has too few points.";
     CloudDegenerate "cloud_degenerate" 422 false "The points span no volume.";
     CloudFilled "cloud_filled" 422 false "The points fill a solid volume; those of its surface are needed.";
+    SlicesUnusable "slices_unusable" 422 false "No surface can be made from the slices.";
     CloudNotFinite "cloud_not_finite" 422 false "No point has finite coordinates.";
     CloudTooLarge "cloud_too_large" 422 false "Coordinates are too large.";
     CloudTruncated "cloud_truncated" 422 false "The file ends before what it declares.";

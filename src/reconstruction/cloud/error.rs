@@ -35,6 +35,9 @@ pub enum Error {
          segmentation, whose centres lie on a regular lattice along the axes"
     )]
     Filled,
+    /// Slices from which no surface can be made.
+    #[error("no surface can be made from these slices: {0}")]
+    Slices(String),
     /// Coordinates are NaN or infinite: in a file all of them, in memory any.
     #[error("{dropped} of {total} points have coordinates that are not finite; give finite ones")]
     NotFinite {
@@ -108,6 +111,7 @@ impl Error {
             Self::TooManyPoints { .. } => "too_many_points",
             Self::Degenerate(_) => "cloud_degenerate",
             Self::Filled => "cloud_filled",
+            Self::Slices(_) => "slices_unusable",
             Self::NotFinite { .. } => "cloud_not_finite",
             Self::TooLarge { .. } => "cloud_too_large",
             Self::Truncated { .. } => "cloud_truncated",

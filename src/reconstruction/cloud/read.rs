@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::{Error, Format, PointCloud, npy, obj, off, pcd, ply, stl, xyz};
 use crate::reconstruction::Warning;
-use crate::reconstruction::slices::{Grid, Identifiers};
+use crate::reconstruction::slices::{Grid, Identifiers, Record};
 
 /// What a file may cost.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,6 +54,9 @@ pub struct Source {
     pub dropped_non_finite: usize,
     /// What the user should know.
     pub warnings: Vec<Warning>,
+    /// The slices that the points were made of.
+    #[serde(skip)]
+    pub slices: Option<Record>,
     /// The voxels of a label map.
     pub grid: Option<Grid>,
     /// Patient and study, where they are to be kept.
@@ -99,6 +102,7 @@ pub fn read(
         gzipped,
         dropped_non_finite,
         warnings,
+        slices: None,
         grid: None,
         identifiers: None,
     };
