@@ -18,6 +18,9 @@ pub(super) struct Arguments {
     /// Ending of a file name, for contents that do not show their format.
     #[arg(long)]
     hint: Option<String>,
+    /// Takes a label map that does not say how it lies in the patient as it lies in its own axes.
+    #[arg(long)]
+    assume_orientation: bool,
     /// Most points.
     #[arg(long, default_value_t = 5_000_000)]
     max_points: u64,
@@ -46,7 +49,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .as_ref()
         .and_then(|ending| Format::from_extension(&format!("cloud.{ending}")));
     let limits = limits(arguments.max_points, arguments.max_bytes);
-    let verdict = Verdict::from(inspect(&bytes, hint, &limits));
+    let verdict = Verdict::from(inspect(&bytes, hint, &limits, arguments.assume_orientation));
     Sink::new(Path::new("-"))?.write(|out| {
         serde_json::to_writer(&mut *out, &verdict)?;
         out.write_all(b"\n")

@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::Value;
 
 use super::Failure;
-use super::files::{Sink, read, read_cloud};
+use super::files::{PartArguments, Sink, read, read_cloud};
 use super::progress::Progress;
 use crate::reconstruction::cloud::{Label, PointCloud};
 use crate::reconstruction::mesh::write::{Format, holds, write};
@@ -22,8 +22,8 @@ use crate::reconstruction::{
 /// Arguments of `meshway reconstruct`.
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// Point clouds: PLY, XYZ, CSV, PTS, PTX, OBJ, OFF, STL, PCD or NPY, also gzipped; `-` is
-    /// standard input. Of several each gets a mesh of its name, and --output and the like are folders.
+    /// Point clouds: PLY, XYZ, CSV, PTS, PTX, OBJ, OFF, STL, PCD or NPY, also gzipped; segmentations:
+    /// NIfTI, NRRD, MHA, DICOM SEG and RT-STRUCT; `-` is standard input. Of several each gets a mesh of its name, and --output and the like are folders.
     #[arg(required = true, value_name = "CLOUD")]
     clouds: Vec<PathBuf>,
     /// Points inside the surface, in addition to the labels of the cloud.
@@ -32,6 +32,8 @@ pub(super) struct Arguments {
     /// Points outside the surface, in addition to the labels of the cloud.
     #[arg(long, value_name = "CLOUD")]
     exterior: Option<PathBuf>,
+    #[command(flatten)]
+    part: PartArguments,
     /// The mesh; the ending chooses the format: ply, obj, stl, off, glb. `-` is standard output.
     #[arg(short, long, value_name = "MESH")]
     output: PathBuf,
@@ -195,7 +197,12 @@ fn cloud(
     let (mut inputs, mut warnings) = (Vec::new(), Vec::new());
     for (path, label) in parts {
         let Some(path) = path else { continue };
-        let (part, source, input) = read_cloud(path)?;
+        // What is told to be inside or outside is a cloud of its own.
+        let chosen = match label {
+            None => arguments.part.clone(),
+            Some(_) => PartArguments::default(),
+        };
+        let (part, source, input) = read_cloud(path, &chosen)?;
         for warning in &source.warnings {
             progress.event(Event::Warning(warning));
         }

@@ -28,6 +28,7 @@ pub(super) async fn keep(app: &AppState, upload: Upload) -> Result<(Cloud, bool)
         && tokio::fs::try_exists(path(app, &cloud.sha256))
             .await
             .unwrap_or(false)
+        && (upload.assume_orientation || !has_assumed(&cloud))
     {
         return Ok((cloud, false));
     }
@@ -52,6 +53,12 @@ pub(super) async fn keep(app: &AppState, upload: Upload) -> Result<(Cloud, bool)
     .await?
     .map_err(ApiError::internal)?;
     Ok(app.store.insert_cloud(new).await?)
+}
+
+/// Whether the cloud could be read only because its orientation was assumed: without leave for that
+/// it is refused again.
+fn has_assumed(cloud: &Cloud) -> bool {
+    cloud.summary["segmentation"]["assumed_orientation"] == true
 }
 
 /// Erases a cloud, row first.

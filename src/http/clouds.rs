@@ -11,25 +11,29 @@ use super::AppState;
 use super::cloud_files;
 use super::download::{Content, Download};
 use super::error::{ApiError, Code, Result};
-use super::extract::{Id, NoQuery, Query};
+use super::extract::{Id, NoQuery, Query, switch};
 use super::idempotency::{self, Begun};
 use super::page::{Page, PageOf};
 use super::time::rfc3339;
 use super::upload::{Payload, receive};
 use crate::jobs::{Cloud, CloudDeletion, CloudId, Subject};
+use crate::reconstruction::cloud::Format;
 
 /// `POST /v1/clouds`: 201, or 200 when the same bytes are here already.
 pub(super) async fn create(
     State(app): State<AppState>,
-    _: NoQuery,
+    mut query: Query,
     request: Request,
 ) -> Result<Response> {
+    let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
+    query.finish()?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
     key.admit(&app).await?;
-    let Payload::File(upload, None) = receive(&app, request).await? else {
+    let Payload::File(mut upload, None) = receive(&app, request).await? else {
         let detail = "send a point cloud, raw or as the only part, file, of a form";
         return Err(ApiError::new(Code::UnsupportedFormat, detail));
     };
+    upload.assume_orientation = assume_orientation;
     key.content(upload.spooled.sha256.as_bytes());
     let attempt = match key.begin(&app).await? {
         Begun::Replay(response) => return Ok(response),
@@ -87,6 +91,7 @@ pub(super) async fn content(
     let cloud = find(&app, &id).await?;
     let gzipped = cloud.summary["gzipped"] == json!(true);
     let ending = if gzipped { ".gz" } else { "" };
+    let file_name = format!("{}.{}{ending}", cloud.id, extension(&cloud));
     let download = Download {
         content: Content::File {
             path: cloud_files::path(&app, &cloud.sha256),
@@ -94,7 +99,7 @@ pub(super) async fn content(
         },
         sha256: cloud.sha256,
         media_type: "application/octet-stream",
-        file_name: format!("{}.{}{ending}", cloud.id, cloud.format),
+        file_name,
     };
     download.respond(&headers).await
 }
@@ -113,6 +118,15 @@ pub(super) async fn erase(
         )
         .retry_after(10)),
         CloudDeletion::Missing => Err(absent(&app, &id).await),
+    }
+}
+
+/// The ending of the name of its file.
+fn extension(cloud: &Cloud) -> &str {
+    let format = Format::from_extension(&format!("cloud.{}", cloud.format));
+    match format {
+        Some(format) => format.extension(),
+        None => &cloud.format,
     }
 }
 
@@ -148,6 +162,7 @@ fn represent(cloud: &Cloud) -> Value {
         "labels": summary("labels"),
         "dropped_non_finite": summary("dropped_non_finite"),
         "warnings": summary("warnings"),
+        "segmentation": summary("segmentation"),
         "created_at": rfc3339(cloud.created_at),
         "links": {
             "self": url,

@@ -6,7 +6,7 @@
 
 use std::fs::File;
 use std::io::{self, BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Stdio;
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,7 +22,7 @@ use super::error::{ApiError, Code, Result};
 use super::spool::MAX_EXPANSION;
 use super::state::{CHILDREN_KIB, PARSED_KIB};
 use super::upload::{Upload, blocking};
-use crate::reconstruction::cloud::{self, Format};
+use crate::reconstruction::cloud::{self, Format, Found, PointCloud};
 
 /// Largest file, unpacked, that is read in this process. The allocator keeps what reading took, once for each
 /// of its arenas: with larger files, many uploads at once would leave hundreds of megabytes.
@@ -34,6 +34,16 @@ const CHILD_BASE_BYTES: u64 = 512 << 20;
 /// Memory that reading may take for each byte of a file when it is unpacked: some more than a parsed
 /// cloud was seen to take.
 const MEMORY_PER_BYTE: u64 = 32;
+
+/// The same for label maps and contours, which are kept as they are: the file, what is packed in it,
+/// and some more.
+const MEMORY_PER_BYTE_OF_SLICES: u64 = 8;
+
+/// Most bytes that a gzipped byte can become.
+const MOST_OF_GZIP: u64 = 1032;
+
+/// Looked at to tell which process is to read a file.
+const LOOKED_AT: u64 = 1 << 12;
 
 /// What the header of a PCD file has whose points are packed.
 const PACKED_PCD: &[u8] = b"binary_compressed";
@@ -60,6 +70,10 @@ pub struct Summary {
     pub dropped_non_finite: u64,
     /// What the user should know: objects with `code` and `message`.
     pub warnings: Vec<Value>,
+    /// Labels, segments or regions of interest, and how they lie in the patient; points are made of
+    /// one of them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub segmentation: Option<Value>,
 }
 
 /// Reads and checks a file.
@@ -70,17 +84,34 @@ pub fn inspect(
     bytes: &[u8],
     hint: Option<Format>,
     limits: &cloud::Limits,
+    assume_orientation: bool,
 ) -> std::result::Result<Summary, cloud::Error> {
     let name = hint.map(|format| format!("cloud.{}", format.name()));
-    let (cloud, source) = cloud::read(bytes, name.as_deref(), limits)?;
-    cloud.validate()?;
+    let options = cloud::Options {
+        name: name.as_deref(),
+        limits,
+        assume_orientation,
+    };
+    let (found, source) = cloud::look(bytes, &options)?;
+    let (cloud, bounds, segmentation) = match found {
+        Found::Points(cloud) => {
+            cloud.validate()?;
+            let bounds = cloud.bounds();
+            (cloud, bounds, None)
+        }
+        Found::Slices(contents) => {
+            let json = contents.to_json();
+            (PointCloud::default(), contents.bounds, Some(json))
+        }
+    };
     Ok(Summary {
         format: source.format,
         gzipped: source.gzipped,
         points: cloud.points.len() as u64,
-        bounds: cloud.bounds().ok_or(cloud::Error::Empty)?,
+        bounds: bounds.ok_or(cloud::Error::Empty)?,
         normals: cloud.normals.is_some(),
         labels: cloud.counts(),
+        segmentation,
         dropped_non_finite: source.dropped_non_finite as u64,
         warnings: source
             .warnings
@@ -134,9 +165,10 @@ pub(super) async fn read(app: &AppState, upload: &Upload) -> Result<Summary> {
     let path = upload.spooled.file.path().to_owned();
     let (bytes, limit) = (upload.spooled.bytes, app.config.body_limit_bytes());
     let room = take(&app.parsing, IN_PROCESS_BYTES, PARSED_KIB).await?;
+    let (hint, assume_orientation) = (upload.hint, upload.assume_orientation);
     let size = blocking({
         let path = path.clone();
-        move || Size::of(&path, bytes, limit)
+        move || Size::of(&path, bytes, limit, hint)
     })
     .await??;
     drop(room);
@@ -145,14 +177,19 @@ pub(super) async fn read(app: &AppState, upload: &Upload) -> Result<Summary> {
         Size::UpTo(unpacked) => {
             let _room = take(&app.children, unpacked, CHILDREN_KIB).await?;
             let memory = CHILD_BASE_BYTES + unpacked * MEMORY_PER_BYTE;
-            return read_in_child(app, &path, upload.hint, memory).await;
+            return read_in_child(app, upload, memory).await;
+        }
+        Size::Slices(unpacked) => {
+            let _room = take(&app.children, unpacked, CHILDREN_KIB).await?;
+            let memory = CHILD_BASE_BYTES + unpacked * MEMORY_PER_BYTE_OF_SLICES;
+            return read_in_child(app, upload, memory).await;
         }
     };
     let _room = take(&app.parsing, unpacked * MEMORY_PER_BYTE, PARSED_KIB).await?;
-    let (hint, limits) = (upload.hint, limits(app.config.max_points, limit));
+    let limits = limits(app.config.max_points, limit);
     let read = move || -> Result<Summary> {
         let bytes = std::fs::read(&path).map_err(ApiError::internal)?;
-        Ok(inspect(&bytes, hint, &limits)?)
+        Ok(inspect(&bytes, hint, &limits, assume_orientation)?)
     };
     blocking(read).await?
 }
@@ -171,18 +208,38 @@ enum Size {
     Known(u64),
     /// At most so many.
     UpTo(u64),
+    /// At most so many, of a format that is always read by a child.
+    Slices(u64),
 }
 
 impl Size {
     /// Looks at a file of so many bytes, of which `limit` may come. Takes memory for
     /// [`IN_PROCESS_BYTES`].
-    fn of(path: &Path, bytes: u64, limit: u64) -> Result<Self> {
+    fn of(path: &Path, bytes: u64, limit: u64, hint: Option<Format>) -> Result<Self> {
         let file = || File::open(path).map_err(ApiError::internal);
         let mut magic = Vec::new();
         let read = file()?.take(2).read_to_end(&mut magic);
         read.map_err(ApiError::internal)?;
         let gzipped = magic == [0x1f, 0x8b];
         let expanded = |bytes: u64| Self::UpTo(limit.min(bytes.saturating_mul(MAX_EXPANSION)));
+        let mut head = Vec::new();
+        let looked_at = if gzipped {
+            let reader = MultiGzDecoder::new(BufReader::new(file()?));
+            reader.take(LOOKED_AT).read_to_end(&mut head)
+        } else {
+            file()?.take(LOOKED_AT).read_to_end(&mut head)
+        };
+        // A damaged file is told by who reads it.
+        match Format::seen(&head).or(hint) {
+            Some(format) if format.has_slices() => {
+                // Whether it is packed, or what is in it.
+                let most = bytes.saturating_mul(MOST_OF_GZIP);
+                return Ok(Self::Slices(limit.min(most)));
+            }
+            Some(Format::Vtk | Format::Vtp) => return Ok(expanded(bytes)),
+            _ if looked_at.is_err() => return Ok(expanded(bytes)),
+            _ => {}
+        }
         if bytes > IN_PROCESS_BYTES {
             return Ok(if gzipped {
                 expanded(bytes)
@@ -214,23 +271,21 @@ impl Size {
     }
 }
 
-async fn read_in_child(
-    app: &AppState,
-    path: &PathBuf,
-    hint: Option<Format>,
-    memory_bytes: u64,
-) -> Result<Summary> {
+async fn read_in_child(app: &AppState, upload: &Upload, memory_bytes: u64) -> Result<Summary> {
     let mut command = Command::new(&app.program);
     command
         .arg("inspect")
-        .arg(path)
+        .arg(upload.spooled.file.path())
         .arg(format!("--max-points={}", app.config.max_points))
         .arg(format!("--max-bytes={}", app.config.body_limit_bytes()))
         .arg(format!("--memory-bytes={memory_bytes}"))
         .stdin(Stdio::null())
         .stderr(Stdio::null())
         .kill_on_drop(true);
-    if let Some(format) = hint {
+    if upload.assume_orientation {
+        command.arg("--assume-orientation");
+    }
+    if let Some(format) = upload.hint {
         command.arg(format!("--hint={}", format.name()));
     }
     let output = tokio::time::timeout(CHILD_TIMEOUT, command.output())
@@ -272,7 +327,7 @@ mod tests {
         let mut file = tempfile::NamedTempFile::new().unwrap();
         file.write_all(&content).unwrap();
         let bytes = content.len() as u64;
-        (bytes, Size::of(file.path(), bytes, 1 << 30).unwrap())
+        (bytes, Size::of(file.path(), bytes, 1 << 30, None).unwrap())
     }
 
     #[test]

@@ -33,6 +33,7 @@ pub(super) fn represent(job: &Job, queue_position: Option<u64>) -> Value {
         "preset": job.preset,
         "settings": job.settings,
         "labels": job.labels,
+        "source": job.source,
         "derived_from": job.derived_from,
         "evaluations": job.evaluations,
         "loss": job.loss,

@@ -9,6 +9,7 @@ use super::extract::{Members, json};
 use crate::config::Config;
 use crate::jobs::{Cloud, CloudId, Job, JobId, NewJob};
 use crate::reconstruction::cloud::Counts;
+use crate::reconstruction::medical::{Choice, Parts};
 use crate::reconstruction::plan::{Cost, grid_bytes, largest_resolution};
 use crate::reconstruction::settings::{self, OffSurface};
 use crate::reconstruction::{Preset, Settings};
@@ -31,21 +32,29 @@ pub(super) struct JobRequest {
     /// Complete settings.
     pub(super) settings: Settings,
     labels: BTreeMap<String, String>,
+    source: Option<Choice>,
     derived_from: Option<JobId>,
 }
 
 impl JobRequest {
-    /// Reads `cloud_id`, `preset`, `settings` and `labels`; `preset` of the address may stand in
-    /// for that of the body.
+    /// Reads `cloud_id`, `preset`, `settings`, `labels` and `source`; `preset` and `source` of the
+    /// address may stand in for those of the body.
     ///
     /// # Errors
     /// [`Code::RequestInvalid`], [`Code::SettingsInvalid`], [`Code::SettingsConflict`], each with
     /// all faults.
-    pub(super) fn new(mut members: Members, preset: Option<Preset>) -> Result<Self> {
+    pub(super) fn new(
+        mut members: Members,
+        preset: Option<Preset>,
+        source: Option<Choice>,
+    ) -> Result<Self> {
         let cloud_id = members.take("cloud_id", json::<CloudId>);
-        if preset.is_some() && members.has("preset") {
-            members.fault("preset", "is given in the address too".to_owned());
+        for (name, is_given) in [("preset", preset.is_some()), ("source", source.is_some())] {
+            if is_given && members.has(name) {
+                members.fault(name, "is given in the address too".to_owned());
+            }
         }
+        let source = members.take("source", json::<Choice>).or(source);
         let preset = members
             .take("preset", |name| {
                 preset_named(name.as_str().unwrap_or_default())
@@ -60,6 +69,7 @@ impl JobRequest {
             preset,
             settings: resolve(preset, &given.unwrap_or_default().into())?,
             labels: labels.unwrap_or_default(),
+            source,
             derived_from: None,
         })
     }
@@ -74,6 +84,7 @@ impl JobRequest {
             preset_named(name.as_str().unwrap_or_default())
         });
         let given = members.take("settings", object).unwrap_or_default();
+        let source = members.take("source", json::<Choice>);
         let labels = labels(&mut members);
         members.finish()?;
         let mut base = match preset {
@@ -87,6 +98,7 @@ impl JobRequest {
             preset,
             settings: resolve(preset, &base)?,
             labels: labels.unwrap_or_else(|| job.labels.clone()),
+            source: source.or_else(|| job.source.clone()),
             derived_from: Some(job.id.clone()),
         })
     }
@@ -119,6 +131,30 @@ impl JobRequest {
             self.check_training(&cost, limit)?;
         }
         Ok(cost)
+    }
+
+    /// Holds the choice of a part against what the summary of a file lists.
+    ///
+    /// # Errors
+    /// [`Code::SourceMissing`] and [`Code::SourceUnknown`], both with the list.
+    pub(super) fn check_source(&self, summary: &Value) -> Result<()> {
+        let parts = summary.get("segmentation").filter(|found| !found.is_null());
+        let Some(listed) = parts else {
+            return match &self.source {
+                None => Ok(()),
+                Some(_) => {
+                    let detail = "the cloud has no parts to choose from; leave the choice out";
+                    Err(ApiError::fault(Code::SourceUnknown, "/source", detail))
+                }
+            };
+        };
+        let parts: Parts = serde_json::from_value(listed.clone()).map_err(ApiError::internal)?;
+        let chosen = parts.choose(self.source.as_ref());
+        chosen.map(drop).map_err(|error| {
+            ApiError::fault(Code::from_name(error.code()), "/source", error.to_string())
+                .with("kind", listed["kind"].clone())
+                .with("choices", listed["items"].clone())
+        })
     }
 
     fn check_grid(&self, limit: u64) -> Result<()> {
@@ -170,13 +206,19 @@ impl JobRequest {
             preset: self.preset,
             settings: self.settings,
             labels: self.labels,
+            source: self.source,
             derived_from: self.derived_from,
         }
     }
 }
 
 /// Number of points by label, from what the upload found.
+///
+/// None of a file of which a part is yet to become points.
 pub(super) fn labels_of(cloud: &Cloud) -> Option<Counts> {
+    if !cloud.summary["segmentation"].is_null() {
+        return None;
+    }
     serde_json::from_value(cloud.summary.get("labels")?.clone()).ok()
 }
 

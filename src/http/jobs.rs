@@ -24,6 +24,7 @@ use super::wait::Wish;
 use crate::jobs::{
     Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject, Verdict,
 };
+use crate::reconstruction::medical::Choice;
 
 /// `POST /v1/jobs`: for a cloud that is here, or with the cloud itself.
 pub(super) async fn create(
@@ -33,6 +34,8 @@ pub(super) async fn create(
 ) -> Result<Response> {
     let dry_run = query.take("dry_run", switch).unwrap_or(false);
     let preset = query.take("preset", |name| preset_named(&name));
+    let source = query.take("source", |text| Choice::parse(&text));
+    let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
     query.finish()?;
     let wish = Wish::of(request.headers())?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
@@ -44,13 +47,14 @@ pub(super) async fn create(
             key.content(&body);
             (Members::of(&body)?, None)
         }
-        Payload::File(upload, job) => {
+        Payload::File(mut upload, job) => {
+            upload.assume_orientation = assume_orientation;
             key.content(upload.spooled.sha256.as_bytes());
             key.content(job.as_deref().unwrap_or_default());
             (members_of("part job", job.as_deref())?, Some(upload))
         }
     };
-    let asked = JobRequest::new(members, preset)?;
+    let asked = JobRequest::new(members, preset, source)?;
     check_one_cloud(&asked, upload.as_ref(), dry_run)?;
     let attempt = match key.begin(&app).await? {
         Begun::Replay(response) => return Ok(response),
@@ -65,6 +69,7 @@ pub(super) async fn create(
         (None, Some(id)) => find_cloud(&app, id).await?,
         (None, None) => return Err(ApiError::internal("a job without a cloud was let in")),
     };
+    asked.check_source(&cloud.summary)?;
     asked.check(&app.config, labels_of(&cloud))?;
     let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
     wish.answer(&app, job).await
@@ -175,6 +180,7 @@ pub(super) async fn retry(
     }
     let asked = JobRequest::again(&job, members)?;
     let cloud = find_cloud(&app, &job.cloud_id).await?;
+    asked.check_source(&cloud.summary)?;
     asked.check(&app.config, labels_of(&cloud))?;
     let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
     wish.answer(&app, job).await
@@ -211,8 +217,18 @@ async fn submit(app: &AppState, new: NewJob, attempt: Attempt) -> Result<Job> {
 /// The answer to a dry run: what would be done, and what it would cost.
 async fn estimate(app: &AppState, asked: &JobRequest, upload: Option<&Upload>) -> Result<Response> {
     let labels = match (upload, &asked.cloud_id) {
-        (Some(upload), _) => Some(inspect::read(app, upload).await?.labels),
-        (None, Some(id)) => labels_of(&find_cloud(app, id).await?),
+        (Some(upload), _) => {
+            let summary = inspect::read(app, upload).await?;
+            let has_points = summary.segmentation.is_none();
+            let labels = has_points.then_some(summary.labels);
+            asked.check_source(&serde_json::to_value(&summary).map_err(ApiError::internal)?)?;
+            labels
+        }
+        (None, Some(id)) => {
+            let cloud = find_cloud(app, id).await?;
+            asked.check_source(&cloud.summary)?;
+            labels_of(&cloud)
+        }
         (None, None) => None,
     };
     let estimate = asked.check(&app.config, labels)?;

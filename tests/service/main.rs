@@ -24,6 +24,7 @@ mod http_uploads;
 mod http_verdicts;
 mod http_waits;
 mod kind_jobs;
+mod medical_jobs;
 mod server;
 mod soak;
 mod store_attempts;

@@ -88,6 +88,7 @@ impl Bench {
             preset: Preset::Fast,
             settings: Preset::Fast.settings(),
             labels: BTreeMap::from([("patient".to_owned(), "p 1".to_owned())]),
+            source: None,
             derived_from: None,
         }
     }

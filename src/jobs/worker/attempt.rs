@@ -97,6 +97,7 @@ impl<'a> Attempt<'a> {
             file: options.data_dir.join("clouds").join(&cloud.sha256),
             cloud,
             settings: job.settings.clone(),
+            source: job.source.clone(),
         };
         let (sender, messages) = mpsc::channel(CHANNEL);
         let (reply, outcome) = oneshot::channel();
