@@ -11,6 +11,7 @@ use super::{Affine, Reading, Segmentation};
 use crate::reconstruction::Warning;
 use crate::reconstruction::cloud::Error;
 use crate::reconstruction::cloud::binary::{ByteOrder, Scalar};
+use crate::reconstruction::cloud::text::excerpt;
 use crate::reconstruction::vector::{Vec3, scale};
 
 /// Longest header.
@@ -160,9 +161,8 @@ fn scalar(name: &str) -> Result<Scalar, Error> {
         "MET_FLOAT" => Scalar::F32,
         "MET_DOUBLE" => Scalar::F64,
         other => {
-            return Err(header(format!(
-                "ElementType {other:.20} is read no labels from"
-            )));
+            let name = excerpt(other.as_bytes());
+            return Err(header(format!("ElementType {name} is read no labels from")));
         }
     })
 }

@@ -12,6 +12,9 @@ const SAME_SLICE: f64 = 0.01;
 /// How far the frames of one slice may be apart within it, in pixels.
 const SAME_PLACE: f64 = 0.1;
 
+/// Farthest place in millimetres.
+const FARTHEST: f64 = 1e5;
+
 /// How far the cosines of frames may differ.
 const SAME_DIRECTION: f64 = 1e-3;
 
@@ -77,6 +80,10 @@ impl Frames {
             segments.push(
                 within(tags::SEGMENT_IDENTIFICATION_SEQUENCE).short(tags::REFERENCED_SEGMENT),
             );
+        }
+        let mut lengths = places.iter().flatten().chain(spacing.iter().flatten());
+        if lengths.any(|length| length.abs() > FARTHEST) {
+            return Err(header("frames lie farther away than 100 metres"));
         }
         let [ax, ay, az, bx, by, bz] = cosines.ok_or(Error::Empty)?;
         let (along_row, along_column) = ([ax, ay, az], [bx, by, bz]);

@@ -265,7 +265,7 @@ fn thickness(frames: &Frames, data_set: &DataSet<'_>) -> f64 {
                 .and_then(|group| group.item(tags::PIXEL_MEASURES_SEQUENCE));
             let thickness =
                 measures.and_then(|measures| measures.vector::<1>(tags::SLICE_THICKNESS));
-            thickness.map_or(1.0, |[thickness]| thickness.abs())
+            thickness.map_or(1.0, |[thickness]| thickness.abs().min(1e3))
         }
     }
 }

@@ -13,7 +13,7 @@ use super::{Affine, Reading, Segmentation};
 use crate::reconstruction::Warning;
 use crate::reconstruction::cloud::Error;
 use crate::reconstruction::cloud::binary::{ByteOrder, Scalar};
-use crate::reconstruction::cloud::text::parse;
+use crate::reconstruction::cloud::text::{excerpt, parse};
 use crate::reconstruction::vector::{Vec3, along};
 use fields::Fields;
 
@@ -56,8 +56,9 @@ pub(in crate::reconstruction) fn read<'a>(
         }
         other => {
             return Err(Error::UnsupportedFormat(format!(
-                "NRRD with the encoding {other:.20} is not read; save it as raw or gzip, for instance with 3D \
-                 Slicer, or with unu save -e gzip"
+                "NRRD with the encoding {} is not read; save it as raw or gzip, for instance with 3D Slicer, or \
+                 with unu save -e gzip",
+                excerpt(other.as_bytes())
             )));
         }
     };
@@ -127,7 +128,8 @@ fn scalar(name: &str) -> Result<Scalar, Error> {
         "float" => Scalar::F32,
         "double" => Scalar::F64,
         other => {
-            return Err(header(format!("type {other:.20} is read no labels from")));
+            let name = excerpt(other.as_bytes());
+            return Err(header(format!("type {name} is read no labels from")));
         }
     })
 }
@@ -247,7 +249,8 @@ fn unplaced(
 fn orientation_missing(space: Option<&str>) -> Error {
     Error::OrientationMissing(match space {
         Some(space) => {
-            format!("the space {space:.40} does not say which side of the patient is left")
+            let space = excerpt(space.as_bytes());
+            format!("the space {space} does not say which side of the patient is left")
         }
         None => "space and space directions are needed to say which side of the patient is left"
             .to_owned(),
