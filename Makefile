@@ -1,5 +1,5 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup build install dist test demo contract check bench bench-engines bench-quality bench-service soak fuzz-medical deny clean
+.PHONY: help setup build install dist test demo contract check bench bench-engines bench-quality bench-medical bench-service soak fuzz-medical deny clean
 .DEFAULT_GOAL := help
 
 help:
@@ -13,6 +13,7 @@ help:
 	@echo "make bench-engines  loss and gradient beside PyTorch and JAX, which it installs under target/"
 	@echo "make bench-quality BENCH=FOLDER  clouds with true surfaces, beside what other tools reached;"
 	@echo "             dense clouds from true surfaces, beside Open3D, which it installs under target/"
+	@echo "make bench-medical  label maps of known solids, beside VTK, which it installs under target/"
 	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
 	@echo "make soak    jobs under random faults; MINUTES=10"
 	@echo "make fuzz-medical  80,000 damaged label maps and DICOM files"
@@ -74,6 +75,16 @@ bench-quality: build $(sort $(foreach folder,$(BENCH),$(if $(wildcard $(folder)/
 $(QUALITY_VENV): benches/quality/dense/requirements.txt
 	python3 -m venv target/quality-venv
 	target/quality-venv/bin/pip install --quiet --requirement $<
+	@touch $@
+
+MEDICAL_VENV := target/medical-venv/made
+
+bench-medical: build $(MEDICAL_VENV)
+	python3 benches/medical $(ARGS)
+
+$(MEDICAL_VENV): benches/medical/requirements.txt
+	python3 -m venv target/medical-venv
+	target/medical-venv/bin/pip install --quiet --requirement $<
 	@touch $@
 
 bench-service: build

@@ -2,6 +2,7 @@
 
 mod data_folder;
 mod documents;
+mod encoding;
 mod error;
 mod evaluate;
 mod files;

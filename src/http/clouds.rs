@@ -18,6 +18,7 @@ use super::time::rfc3339;
 use super::upload::{Payload, receive};
 use crate::jobs::{Cloud, CloudDeletion, CloudId, Subject};
 use crate::reconstruction::cloud::Format;
+use crate::reconstruction::space::Frame;
 
 /// `POST /v1/clouds`: 201, or 200 when the same bytes are here already.
 pub(super) async fn create(
@@ -149,6 +150,11 @@ async fn absent(app: &AppState, id: &CloudId) -> ApiError {
 /// A cloud as JSON: its columns, and what its reading found.
 fn represent(cloud: &Cloud) -> Value {
     let summary = |name: &str| cloud.summary.get(name).cloned().unwrap_or_default();
+    // Clouds of earlier versions have none of the two.
+    let or_unknown = |name: &str| match summary(name) {
+        Value::Null => json!(Frame::Unknown),
+        known => known,
+    };
     let url = format!("/v1/clouds/{}", cloud.id);
     json!({
         "id": cloud.id,
@@ -160,6 +166,8 @@ fn represent(cloud: &Cloud) -> Value {
         "bounds": summary("bounds"),
         "normals": summary("normals"),
         "labels": summary("labels"),
+        "frame": or_unknown("frame"),
+        "unit": or_unknown("unit"),
         "dropped_non_finite": summary("dropped_non_finite"),
         "warnings": summary("warnings"),
         "segmentation": summary("segmentation"),

@@ -23,6 +23,7 @@ use super::spool::MAX_EXPANSION;
 use super::state::{CHILDREN_KIB, PARSED_KIB};
 use super::upload::{Upload, blocking};
 use crate::reconstruction::cloud::{self, Format, Found, PointCloud};
+use crate::reconstruction::space::Space;
 
 /// Largest file, unpacked, that is read in this process. The allocator keeps what reading took, once for each
 /// of its arenas: with larger files, many uploads at once would leave hundreds of megabytes.
@@ -66,6 +67,9 @@ pub struct Summary {
     pub normals: bool,
     /// Number of points by label; those without one lie on the surface.
     pub labels: cloud::Counts,
+    /// Frame and unit of the coordinates, as far as the file says them.
+    #[serde(flatten)]
+    pub space: Space,
     /// Points that were left out because a coordinate is not finite.
     pub dropped_non_finite: u64,
     /// What the user should know: objects with `code` and `message`.
@@ -101,7 +105,11 @@ pub fn inspect(
         }
         Found::Slices(contents) => {
             let json = contents.to_json();
-            (PointCloud::default(), contents.bounds, Some(json))
+            let none = PointCloud {
+                space: Space::PATIENT,
+                ..PointCloud::default()
+            };
+            (none, contents.bounds, Some(json))
         }
     };
     Ok(Summary {
@@ -112,6 +120,7 @@ pub fn inspect(
         normals: cloud.normals.is_some(),
         labels: cloud.counts(),
         segmentation,
+        space: cloud.space,
         dropped_non_finite: source.dropped_non_finite as u64,
         warnings: source
             .warnings

@@ -59,6 +59,13 @@ pub(super) fn represent(job: &Job, queue_position: Option<u64>) -> Value {
     if let Some(document) = document.as_object_mut() {
         document.extend(assessment::members(job.report.as_ref()));
     }
+    if job
+        .report
+        .as_ref()
+        .is_some_and(|report| report["grid"].is_object())
+    {
+        document["links"]["mask"] = format!("{url}/mask.nii.gz").into();
+    }
     if !job.cloud_erased {
         document["links"]["cloud"] = format!("/v1/clouds/{}", job.cloud_id).into();
     }

@@ -5,7 +5,7 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use crate::reconstruction::mesh::write::Format;
+use super::rendition::is_rendition;
 
 /// Digits of a SHA-256 in a name.
 const HASH_DIGITS: usize = 64;
@@ -31,7 +31,7 @@ pub fn is_cloud(name: &str) -> bool {
 pub fn is_encoding(name: &str) -> bool {
     let kept = name
         .split_once('.')
-        .is_some_and(|(hash, format)| is_cloud(hash) && Format::from_name(format).is_some());
+        .is_some_and(|(hash, rest)| is_cloud(hash) && is_rendition(rest));
     kept || is_temporary(name)
 }
 

@@ -7,8 +7,8 @@ use serde_json::{Map, Value, json};
 
 use crate::reconstruction::report::Verdict;
 
-/// The members of a job's JSON that its report gives: `verdict`, `verdict_reasons`, `warnings` and
-/// `mesh`, each null without a report and where the report has none.
+/// The members of a job's JSON that its report gives: `verdict`, `verdict_reasons`, `warnings`, `mesh`, `slices`,
+/// `frame` and `unit`, each null without a report and where the report has none.
 pub fn members(report: Option<&Value>) -> Map<String, Value> {
     let report = report.unwrap_or(&Value::Null);
     let list = |name: &str| match &report[name] {
@@ -20,9 +20,20 @@ pub fn members(report: Option<&Value>) -> Map<String, Value> {
         ("verdict_reasons", list("verdict_reasons")),
         ("warnings", list("warnings")),
         ("mesh", mesh(report)),
+        ("slices", slices(report)),
+        ("frame", report["frame"].clone()),
+        ("unit", report["unit"].clone()),
     ];
     let named = members.map(|(name, value)| (name.to_owned(), value));
     named.into_iter().collect()
+}
+
+/// What was made of the slices of a segmentation.
+fn slices(report: &Value) -> Value {
+    match &report["slices"] {
+        Value::Object(slices) => Value::Object(slices.clone()),
+        _ => Value::Null,
+    }
 }
 
 /// What the mesh is, in a few numbers.
@@ -58,11 +69,11 @@ mod tests {
     #[test]
     fn what_a_report_does_not_say_is_null() {
         let nothing = members(None);
-        assert_eq!(nothing.len(), 4);
+        assert_eq!(nothing.len(), 7);
         for report in [
             json!({}),
             json!(null),
-            json!({"verdict": "splendid", "verdict_reasons": {}, "warnings": 1, "mesh": []}),
+            json!({"verdict": "splendid", "verdict_reasons": {}, "warnings": 1, "mesh": [], "slices": 2}),
             json!({"verdict": null, "mesh": {"closed": true}}),
         ] {
             assert_eq!(members(Some(&report)), nothing, "{report}");

@@ -32,6 +32,7 @@ pub mod sampling;
 pub mod settings;
 pub mod shapes;
 pub mod slices;
+pub mod space;
 pub mod surface;
 pub mod training;
 pub mod vector;

@@ -19,6 +19,7 @@ mod readers;
 mod reconstruction;
 mod sampling;
 mod shapes;
+mod slices;
 mod surface;
 mod traces;
 mod training;

@@ -18,6 +18,7 @@ mod http_idempotency;
 mod http_jobs;
 mod http_lists;
 mod http_meshes;
+mod http_spaces;
 mod http_support;
 mod http_system;
 mod http_uploads;

@@ -117,7 +117,8 @@ pub fn reconstruction(
         bytes: assignment.cloud.bytes,
         points: points.points.len(),
     };
-    result.report.read_from(vec![input], source.warnings);
+    let mesh = &result.mesh;
+    result.report.read_from(vec![input], source, mesh);
     Ok(Product {
         mesh: result.mesh,
         report: serde_json::to_value(&result.report).map_err(Failure::internal)?,

@@ -10,7 +10,8 @@ use super::format::Reader;
 use super::{Error, Format, PointCloud};
 use crate::reconstruction::Warning;
 use crate::reconstruction::medical::{Choice, Contents, Reading, Segmentation};
-use crate::reconstruction::slices::{Builder, Summary};
+use crate::reconstruction::slices::{Builder, Grid, Identifiers, Record};
+use crate::reconstruction::space::Space;
 
 /// Bytes that show what a packed file is.
 const HEAD: u64 = 1 << 12;
@@ -59,9 +60,13 @@ pub struct Source {
     pub dropped_non_finite: usize,
     /// What the user should know.
     pub warnings: Vec<Warning>,
-    /// What was done with the slices, where points were made of them.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub slices: Option<Summary>,
+    /// The slices that the points were made of.
+    #[serde(skip)]
+    pub slices: Option<Record>,
+    /// The voxels of a label map.
+    pub grid: Option<Grid>,
+    /// Patient and study, where they are to be kept.
+    pub identifiers: Option<Identifiers>,
 }
 
 /// What is known of a file besides its bytes.
@@ -123,11 +128,15 @@ pub fn read_part(
         }
         Opened::Points(cloud) => Ok((cloud, None)),
         Opened::Slices(segmentation) => {
-            let (cloud, summary) = points_of(&segmentation, choice, warnings)?;
-            Ok((cloud, Some(summary)))
+            let grid = segmentation.contents().grid();
+            let (cloud, record) = points_of(&segmentation, choice, warnings)?;
+            Ok((cloud, Some((record, grid))))
         }
     })?;
-    source.slices = slices;
+    if let Some((record, grid)) = slices {
+        source.slices = Some(record);
+        source.grid = grid;
+    }
     Ok((cloud, source))
 }
 
@@ -200,6 +209,8 @@ pub fn open<T>(
         dropped_non_finite,
         warnings,
         slices: None,
+        grid: None,
+        identifiers: None,
     };
     Ok((taken, source))
 }
@@ -209,15 +220,16 @@ fn points_of(
     segmentation: &Segmentation<'_>,
     choice: Option<&Choice>,
     warnings: &mut Vec<Warning>,
-) -> Result<(PointCloud, Summary), Error> {
+) -> Result<(PointCloud, Record), Error> {
     let item = segmentation.contents().parts.choose(choice)?;
     let mut builder = Builder::new(&segmentation.geometry(item))?;
     for plane in segmentation.planes(item) {
         builder.push(plane)?;
     }
-    let (cloud, summary, told) = builder.finish()?;
+    let (mut cloud, record, told) = builder.finish()?;
+    cloud.space = Space::PATIENT;
     warnings.extend(told);
-    Ok((cloud, summary))
+    Ok((cloud, record))
 }
 
 /// The bytes, expanded if they are gzipped.

@@ -5,6 +5,7 @@ use serde_json::Value;
 
 use super::Affine;
 use crate::reconstruction::Warning;
+use crate::reconstruction::slices::Grid;
 use crate::reconstruction::vector::{Bounds, Vec3};
 
 /// Most characters of a name.
@@ -110,6 +111,17 @@ impl Contents {
         self.orientation = Some(affine.letters());
         self.affine = Some(affine);
         self
+    }
+
+    /// The grid of its voxels, where there is a regular one.
+    pub fn grid(&self) -> Option<Grid> {
+        let (size, affine) = (self.size?, self.affine?);
+        let [a, b, c] = affine.steps;
+        let row = |i: usize| [a[i], b[i], c[i], affine.origin[i]];
+        Some(Grid {
+            size,
+            affine: [row(0), row(1), row(2)],
+        })
     }
 
     /// The same as JSON.

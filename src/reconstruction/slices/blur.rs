@@ -1,14 +1,12 @@
 //! The Gaussian that takes the steps of the pixels out of a mask.
 
-/// Standard deviation in pixels: the least that leaves contours right to a tenth of a pixel.
-const SIGMA: f64 = 1.0;
+/// Standard deviations to either side beyond which its weights are nothing: below 0.0004.
+const REACH: f64 = 4.0;
 
-/// Pixels to either side beyond which its weights are below 0.0001.
-pub(super) const REACH: usize = 4;
-
-/// Smooths `values`, row by row of `width`, along rows and then along columns. Beyond the borders there is nothing.
-pub(super) fn gaussian(values: &[f32], width: usize) -> Vec<f32> {
-    let weights = weights();
+/// Smooths `values`, row by row of `width`, along rows and then along columns by a standard deviation of `sigma`
+/// pixels. Beyond the borders there is nothing.
+pub(super) fn gaussian(values: &[f32], width: usize, sigma: f64) -> Vec<f32> {
+    let weights = weights(sigma);
     let height = values.len() / width.max(1);
     let along_rows = blurred(values, &weights, (height, width), (width, 1));
     blurred(&along_rows, &weights, (width, height), (1, width))
@@ -21,23 +19,25 @@ fn blurred(
     (lines, length): (usize, usize),
     next: (usize, usize),
 ) -> Vec<f32> {
+    let reach = weights.len() / 2;
     let mut out = vec![0.0; values.len()];
     for line in 0..lines {
         let start = line * next.0;
         for i in 0..length {
-            let near = i.saturating_sub(REACH)..(i + REACH + 1).min(length);
+            let near = i.saturating_sub(reach)..(i + reach + 1).min(length);
             out[start + i * next.1] = near
-                .map(|j| weights[j + REACH - i] * values[start + j * next.1])
+                .map(|j| weights[j + reach - i] * values[start + j * next.1])
                 .sum();
         }
     }
     out
 }
 
-/// Weights from -REACH to REACH; their sum is 1.
-fn weights() -> Vec<f32> {
-    let bell = |i: usize| (-0.5 * ((i as f64 - REACH as f64) / SIGMA).powi(2)).exp();
-    let bells: Vec<f64> = (0..=2 * REACH).map(bell).collect();
+/// Weights from one end of the reach to the other; their sum is 1.
+fn weights(sigma: f64) -> Vec<f32> {
+    let reach = (REACH * sigma).ceil() as usize;
+    let bell = |i: usize| (-0.5 * ((i as f64 - reach as f64) / sigma).powi(2)).exp();
+    let bells: Vec<f64> = (0..=2 * reach).map(bell).collect();
     let sum: f64 = bells.iter().sum();
     bells.iter().map(|bell| (bell / sum) as f32).collect()
 }
@@ -50,7 +50,7 @@ mod tests {
     fn a_pixel_is_spread_over_its_neighbourhood_and_nothing_is_lost() {
         let mut values = vec![0.0; 13 * 11];
         values[5 * 13 + 6] = 1.0;
-        let smooth = gaussian(&values, 13);
+        let smooth = gaussian(&values, 13, 1.0);
         assert!((smooth.iter().sum::<f32>() - 1.0).abs() < 1e-5);
         assert!((smooth[5 * 13 + 6] - 0.159).abs() < 1e-3);
         assert!((smooth[5 * 13 + 5] - smooth[4 * 13 + 6]).abs() < 1e-7);

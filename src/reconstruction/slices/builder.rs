@@ -5,30 +5,35 @@
 //! sense of them: they are thinned to an even density.
 
 use std::collections::BTreeSet;
-
-use rand::seq::SliceRandom;
+use std::ops::RangeInclusive;
 
 use super::layers::{GAP, Layer, Stack};
+use super::occupancy::Occupancy;
 use super::polygons::Contours;
 use super::priority::Chosen;
 use super::runs::repeated;
-use super::sides::{self, Band, Beside};
+use super::sides::{Band, Beside};
 use super::summary::{Face, Summary};
 use super::thinning::Thinned;
+use super::told::{Seen, Told};
 use super::{Content, Geometry, Plane};
 use crate::reconstruction::cloud::{Error, Label, PointCloud};
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::random::{Generator, Purpose, stream};
+use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::Vec3;
-
-/// Most places of each side.
-const SIDES: usize = 3_000;
-
-/// Points beyond which they are thinned further, so that memory has a bound.
-const MAX_POINTS: usize = 500_000;
 
 /// Slices in a row without the label between two with it, up to which it may be that they were left out.
 const LEFT_OUT: usize = 2;
+
+/// What was done with slices, and what a mesh can be held against.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// What was done.
+    pub summary: Summary,
+    /// The pixels that show the label.
+    pub occupancy: Occupancy,
+}
 
 /// Takes in slices and gives the cloud.
 #[derive(Debug)]
@@ -46,33 +51,15 @@ pub struct Builder {
     by_slice: Told,
     /// The same with one slice in the middle for each run of identical ones.
     by_run: Told,
-    runs: Vec<std::ops::RangeInclusive<usize>>,
+    runs: Vec<RangeInclusive<usize>>,
+    /// How far slices are apart between which some are missing.
+    gaps: Vec<f64>,
     faces: BTreeSet<Face>,
+    occupancy: Occupancy,
     voxels: Option<f64>,
     volume: f64,
     contour_points: usize,
     ignored: usize,
-}
-
-/// Points of the contours and places on both sides.
-#[derive(Debug)]
-struct Told {
-    points: Thinned,
-    interior: Chosen,
-    exterior: Chosen,
-    /// Slices, which lie between those of the file for runs of an even number.
-    slices: Vec<f64>,
-}
-
-impl Told {
-    fn new(radius: f64) -> Self {
-        Self {
-            points: Thinned::new(radius),
-            interior: Chosen::new(SIDES),
-            exterior: Chosen::new(SIDES),
-            slices: Vec::new(),
-        }
-    }
 }
 
 impl Builder {
@@ -93,7 +80,9 @@ impl Builder {
             by_slice: Told::new(radius),
             by_run: Told::new(radius),
             runs: Vec::new(),
+            gaps: Vec::new(),
             faces: BTreeSet::new(),
+            occupancy: Occupancy::new(geometry),
             voxels: None,
             volume: 0.0,
             contour_points: 0,
@@ -115,17 +104,19 @@ impl Builder {
         }
         self.last = Some(slice);
         self.count(slice, &content);
-        if let Some((layer, same)) = &mut self.open {
-            if *same == content && layer.slices.end() + 1 == slice {
+        if let Some((mut layer, same)) = self.open.take() {
+            if same == content && layer.slices.end() + 1 == slice {
                 layer.slices = *layer.slices.start()..=slice;
-                self.volume += layer_volume(layer, &self.stack, slice, &content);
+                self.fill(slice, &content, &layer);
+                self.open = Some((layer, same));
                 return Ok(());
             }
+            self.open = Some((layer, same));
         }
         let Some(layer) = Layer::new(slice, &content, &self.stack) else {
             return Ok(());
         };
-        self.volume += layer_volume(&layer, &self.stack, slice, &content);
+        self.fill(slice, &content, &layer);
         self.close(Some(&layer));
         self.open = Some((layer, content));
         Ok(())
@@ -135,7 +126,7 @@ impl Builder {
     ///
     /// # Errors
     /// [`Error::Slices`] where fewer than two slices show the label.
-    pub fn finish(mut self) -> Result<(PointCloud, Summary, Vec<Warning>), Error> {
+    pub fn finish(mut self) -> Result<(PointCloud, Record, Vec<Warning>), Error> {
         self.close(None);
         let times = repeated(&self.runs);
         let told = if times > 1 {
@@ -154,7 +145,8 @@ impl Builder {
         }
         let middle = steps.len() / 2;
         let distance = *steps.select_nth_unstable_by(middle, f64::total_cmp).1;
-        let gaps = steps.iter().filter(|&&step| step > GAP * distance).count();
+        let missing = |step: &&f64| **step > GAP * distance;
+        let gaps = self.gaps.iter().filter(missing).count();
         let radius = self.stack.radius(distance);
         let points = thinned(told.points, radius);
         let [interior, exterior] = [told.interior, told.exterior].map(Chosen::places);
@@ -178,33 +170,36 @@ impl Builder {
         let mut cloud = labelled(points, Label::Surface);
         cloud.append(labelled(interior, Label::Interior));
         cloud.append(labelled(exterior, Label::Exterior));
-        Ok((cloud, summary, warnings))
+        let occupancy = self.occupancy;
+        Ok((cloud, Record { summary, occupancy }, warnings))
     }
 
     /// Notes what a slice shows.
     fn count(&mut self, slice: usize, content: &Content) {
         match content {
             Content::Mask(mask) => {
-                let whole = if mask.fractional { 255.0 } else { 1.0 };
-                let value = |v: &u8| {
-                    if mask.fractional {
-                        f64::from(*v)
-                    } else {
-                        f64::from(u8::from(*v > 0))
-                    }
-                };
-                let filled = mask.filled.iter().map(value).sum::<f64>() / whole;
+                let filled = mask.pixels();
                 *self.voxels.get_or_insert(0.0) += filled;
                 self.faces.extend(Face::touched(mask));
-                if filled > 0.0 && slice == 0 {
-                    self.faces.insert(Face::FirstSlice);
-                }
-                if filled > 0.0 && slice + 1 == self.stack.slices() {
-                    self.faces.insert(Face::LastSlice);
-                }
+                let ends = [
+                    (Face::FirstSlice, slice == 0),
+                    (Face::LastSlice, slice + 1 == self.stack.slices()),
+                ];
+                let touched = ends.into_iter().filter(|(_, at)| *at && filled > 0.0);
+                self.faces.extend(touched.map(|(face, _)| face));
             }
             Content::Polygons(polygons) => self.ignored += Contours::new(polygons).ignored,
         }
+    }
+
+    /// Notes how much of a slice a layer fills.
+    fn fill(&mut self, slice: usize, content: &Content, layer: &Layer) {
+        let pixels = match content {
+            Content::Mask(mask) => mask.pixels(),
+            Content::Polygons(_) => layer.lattice.filled(),
+        };
+        self.volume += pixels * self.stack.pixel_area() * self.stack.thickness(slice);
+        self.occupancy.add(slice, content, &layer.lattice);
     }
 
     /// Ends the open layer; `above` is the next one.
@@ -212,62 +207,49 @@ impl Builder {
         let Some((layer, _)) = self.open.take() else {
             return;
         };
-        let unknown = above.is_some_and(|above| self.left_out(&layer, above));
+        let gap = above.and_then(|above| self.left_out(&layer, above));
         let adjacent = above.filter(|above| *above.slices.start() == layer.slices.end() + 1);
         let below = self.below.take();
         let beside = [
             side(below.as_ref(), self.below_unknown),
-            side(adjacent, unknown),
+            side(adjacent, gap.is_some()),
         ];
-        let [middle, count] = [layer.middle(), layer.count() as f64];
-        self.by_run.take(
-            &self.stack,
-            (&layer, beside),
-            (middle, count),
-            (self.band, &mut self.random),
-        );
-        for slice in layer.slices.clone() {
-            let beside = self.within(&layer, slice, beside);
-            self.by_slice.take(
-                &self.stack,
-                (&layer, beside),
-                (slice as f64, 1.0),
-                (self.band, &mut self.random),
-            );
+        let seen = Seen {
+            layer: &layer,
+            beside,
+            slice: layer.middle(),
+            next: layer.count() as f64,
+        };
+        let told = seen.told(&self.stack, self.band, &mut self.random);
+        self.by_run.add(&told, seen.slice);
+        if layer.count() == 1 {
+            self.by_slice.add(&told, seen.slice);
+        } else {
+            for slice in layer.slices.clone() {
+                let seen = seen.at(slice);
+                let told = seen.told(&self.stack, self.band, &mut self.random);
+                self.by_slice.add(&told, seen.slice);
+            }
         }
         self.contour_points += layer.contour.len() * layer.count();
         self.runs.push(layer.slices.clone());
-        self.below_unknown = unknown;
+        self.gaps.extend(gap);
+        self.below_unknown = gap.is_some();
         self.below = adjacent.is_some().then_some(layer);
     }
 
-    /// What lies beside one slice of a layer.
-    fn within<'a>(
-        &self,
-        layer: &'a Layer,
-        slice: usize,
-        beside: [Beside<'a>; 2],
-    ) -> [Beside<'a>; 2] {
-        let ends = [*layer.slices.start(), *layer.slices.end()];
-        [0, 1].map(|i| {
-            if slice == ends[i] {
-                beside[i]
-            } else {
-                Beside::Layer(layer)
-            }
-        })
-    }
-
-    /// Whether slices are missing between two layers: their distance is too large, or a few are empty although the
-    /// label goes on behind them.
-    fn left_out(&self, layer: &Layer, above: &Layer) -> bool {
+    /// How far two layers are apart, if slices are missing between them: the distance is too large, or a few slices
+    /// are empty although the label goes on behind them.
+    fn left_out(&self, layer: &Layer, above: &Layer) -> Option<f64> {
         let [from, to] = [*layer.slices.end(), *above.slices.start()];
         let away = (self.stack.height(to as f64) - self.stack.height(from as f64)).abs();
         let empty = to - from - 1;
-        if empty == 0 {
-            return away > GAP * self.stack.distance;
-        }
-        empty <= LEFT_OUT && layer.lattice.overlaps(&above.lattice)
+        let missing = if empty == 0 {
+            away > GAP * self.stack.distance
+        } else {
+            empty <= LEFT_OUT && layer.lattice.overlaps(&above.lattice)
+        };
+        missing.then_some(away)
     }
 }
 
@@ -276,59 +258,6 @@ fn side(layer: Option<&Layer>, unknown: bool) -> Beside<'_> {
         Some(layer) => Beside::Layer(layer),
         None if unknown => Beside::Unknown,
         None => Beside::Nothing,
-    }
-}
-
-/// What one more slice adds to the volume.
-fn layer_volume(layer: &Layer, stack: &Stack, slice: usize, content: &Content) -> f64 {
-    let pixels = match content {
-        Content::Mask(mask) if mask.fractional => {
-            mask.filled.iter().map(|&v| f64::from(v)).sum::<f64>() / 255.0
-        }
-        Content::Mask(mask) => mask.filled.iter().filter(|&&v| v > 0).count() as f64,
-        Content::Polygons(_) => layer.lattice.filled(),
-    };
-    pixels * stack.pixel_area() * stack.thickness(slice)
-}
-
-impl Told {
-    /// Takes what a layer tells at a slice; where nothing lies beside it, the next slice is `next` away.
-    fn take(
-        &mut self,
-        stack: &Stack,
-        (layer, beside): (&Layer, [Beside<'_>; 2]),
-        (slice, next): (f64, f64),
-        (band, random): (Band, &mut Generator),
-    ) {
-        self.slices.push(slice);
-        let mut contour: Vec<Vec3> = layer
-            .contour
-            .iter()
-            .map(|&place| stack.point(place, slice))
-            .collect();
-        contour.shuffle(random);
-        for point in contour {
-            self.points.offer(point);
-        }
-        if self.points.len() > MAX_POINTS {
-            self.points.coarsen();
-        }
-        sides::on_layer(layer, beside, band, |place, inside| {
-            let chosen = if inside {
-                &mut self.interior
-            } else {
-                &mut self.exterior
-            };
-            chosen.offer(stack.point(place, slice), random);
-        });
-        for (beside, way) in beside.iter().zip([-1.0, 1.0]) {
-            if matches!(beside, Beside::Nothing) {
-                sides::beyond(layer, band, |place| {
-                    self.exterior
-                        .offer(stack.point(place, slice + way * next), random);
-                });
-            }
-        }
     }
 }
 
@@ -347,6 +276,7 @@ fn thinned(points: Thinned, radius: f64) -> Vec<Vec3> {
 fn labelled(points: Vec<Vec3>, label: Label) -> PointCloud {
     PointCloud {
         points,
+        space: Space::PATIENT,
         ..PointCloud::default()
     }
     .with_label(label)

@@ -33,7 +33,9 @@ impl Lattice {
         let mut distances = distance::to_other_side(&inside, width, steps);
         // The contour runs half way between the centres of pixels on either side.
         let half = 0.25 * (steps[0] + steps[1]) as f32;
-        distances.iter_mut().for_each(|d| *d -= half);
+        for distance in &mut distances {
+            *distance -= half;
+        }
         Self {
             first,
             step,

@@ -14,9 +14,9 @@ pub(super) const GAP: f64 = 1.5;
 /// Pixels that contour points keep from each other, for they are right to a tenth of one only.
 const LEAST_PIXELS: f64 = 1.2;
 
-/// Slice distances that contour points keep from each other, so that they are as even across the slices as along
-/// them.
-const LEAST_SLICES: f64 = 0.5;
+/// Slice distances that contour points keep from each other, so that they are about as even across the slices, which
+/// few surfaces cross at right angles everywhere, as along them.
+const LEAST_SLICES: f64 = 0.35;
 
 /// Slice distances from the contours up to which places tell a side.
 const REACH: f64 = 2.0;

@@ -5,6 +5,12 @@ use super::lattice::Lattice;
 /// Most pixels of a lattice.
 const MAX_PIXELS: f64 = 1_048_576.0;
 
+/// Most points along the contours of a slice, beside one for each of their own.
+const MAX_POINTS: f64 = 200_000.0;
+
+/// Largest column and row.
+const MAX_PLACE: f64 = 1e7;
+
 /// Side tests of a slice beyond which its points are all taken to separate inside from outside.
 const MAX_TESTS: usize = 200_000_000;
 
@@ -14,7 +20,7 @@ const BESIDE: f64 = 1e-4;
 /// The contours of a slice.
 pub(super) struct Contours<'a> {
     polygons: Vec<&'a [[f64; 2]]>,
-    /// Contours of fewer than three points.
+    /// Contours of fewer than three points, or beyond all bounds.
     pub(super) ignored: usize,
 }
 
@@ -24,7 +30,10 @@ impl<'a> Contours<'a> {
         let whole: Vec<&[[f64; 2]]> = polygons
             .iter()
             .map(Vec::as_slice)
-            .filter(|polygon| polygon.len() >= 3)
+            .filter(|polygon| {
+                let bounded = |v: &f64| v.abs() <= MAX_PLACE;
+                polygon.len() >= 3 && polygon.iter().flatten().all(bounded)
+            })
             .collect();
         Self {
             ignored: polygons.len() - whole.len(),
@@ -40,11 +49,14 @@ impl<'a> Contours<'a> {
     /// Points at most `spacing` apart along the contours, where these have the inside on one side only: the bridges
     /// of keyholes do not. `pixel` is the size of a column and a row.
     pub(super) fn points(&self, spacing: f64, pixel: [f64; 2]) -> Vec<[f64; 2]> {
+        let length = |way: [f64; 2]| (way[0] * pixel[0]).hypot(way[1] * pixel[1]);
+        let way = |a: [f64; 2], b: [f64; 2]| [b[0] - a[0], b[1] - a[1]];
+        let total: f64 = self.edges().map(|(a, b)| length(way(a, b))).sum();
+        let spacing = spacing.max(total / MAX_POINTS);
         let mut points = Vec::new();
         for (a, b) in self.edges() {
-            let way = [b[0] - a[0], b[1] - a[1]];
-            let length = (way[0] * pixel[0]).hypot(way[1] * pixel[1]);
-            let count = (length / spacing).ceil().clamp(1.0, 10_000.0);
+            let way = way(a, b);
+            let count = (length(way) / spacing).ceil();
             let across = (way[0].hypot(way[1]) > 0.0).then(|| {
                 let scale = BESIDE / way[0].hypot(way[1]);
                 [-way[1] * scale, way[0] * scale]

@@ -2,12 +2,9 @@
 
 use std::collections::BinaryHeap;
 
-use rand::RngExt;
-
-use super::super::random::Generator;
 use super::super::vector::{Vec3, bits};
 
-/// The places with the lowest of random numbers that each gets. Two choices join to a choice from both streams.
+/// The places with the lowest of random numbers that each gets.
 #[derive(Debug, Clone)]
 pub(super) struct Chosen {
     most: usize,
@@ -23,16 +20,9 @@ impl Chosen {
         }
     }
 
-    /// Takes a place into account.
-    pub(super) fn offer(&mut self, place: Vec3, random: &mut Generator) {
-        self.insert((random.random(), bits(place)));
-    }
-
-    /// Takes the places of `other` into account.
-    pub(super) fn join(&mut self, other: Self) {
-        for entry in other.heap {
-            self.insert(entry);
-        }
+    /// Takes a place and its random number into account.
+    pub(super) fn offer(&mut self, place: Vec3, number: u64) {
+        self.insert((number, bits(place)));
     }
 
     /// The places, in the order of their random numbers.
@@ -45,34 +35,46 @@ impl Chosen {
     fn insert(&mut self, entry: (u64, [u64; 3])) {
         if self.heap.len() < self.most {
             self.heap.push(entry);
-        } else if let Some(mut last) = self.heap.peek_mut() {
-            if entry < *last {
-                *last = entry;
-            }
+        } else if let Some(mut last) = self.heap.peek_mut()
+            && entry < *last
+        {
+            *last = entry;
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use rand::RngExt;
+
     use super::*;
     use crate::reconstruction::random::{Purpose, stream};
 
     #[test]
-    fn parts_of_a_stream_join_to_the_choice_from_the_whole() {
+    fn a_choice_is_spread_over_the_stream_and_the_same_each_time() {
+        let choose = || {
+            let mut random = stream(1, Purpose::Slices);
+            let mut chosen = Chosen::new(100);
+            for i in 0..10_000 {
+                chosen.offer([f64::from(i), 0.0, -1.0], random.random());
+            }
+            chosen.places()
+        };
+        let places = choose();
+        assert_eq!(places.len(), 100);
+        assert_eq!(choose(), places);
+        let mean = places.iter().map(|p| p[0]).sum::<f64>() / 100.0;
+        assert!((4000.0..6000.0).contains(&mean), "{mean}");
+    }
+
+    #[test]
+    fn fewer_places_than_may_be_chosen_are_all_taken() {
         let mut random = stream(1, Purpose::Slices);
-        let (mut whole, mut even, mut odd) = (Chosen::new(10), Chosen::new(10), Chosen::new(10));
-        for i in 0..1000 {
-            let mut same = random.clone();
-            whole.offer([f64::from(i), 0.0, -1.0], &mut random);
-            let part = if i % 2 == 0 { &mut even } else { &mut odd };
-            part.offer([f64::from(i), 0.0, -1.0], &mut same);
-        }
-        even.join(odd);
-        let places = whole.places();
-        assert_eq!(places.len(), 10);
-        assert_eq!(even.places(), places);
-        let mean = places.iter().map(|p| p[0]).sum::<f64>() / 10.0;
-        assert!((250.0..750.0).contains(&mean), "{mean}");
+        let mut chosen = Chosen::new(3);
+        chosen.offer([1.0; 3], random.random());
+        chosen.offer([2.0; 3], random.random());
+        let mut places = chosen.places();
+        places.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        assert_eq!(places, [[1.0; 3], [2.0; 3]]);
     }
 }

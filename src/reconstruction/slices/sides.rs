@@ -34,7 +34,7 @@ impl Band {
     }
 
     /// Whether a place so far from the contours tells a side.
-    fn tells(&self, distance: f32) -> bool {
+    fn tells(self, distance: f32) -> bool {
         (self.least..=self.most).contains(&distance)
     }
 }

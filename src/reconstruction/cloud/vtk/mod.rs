@@ -7,6 +7,7 @@ use super::binary::{ByteOrder, Scalar, enough};
 use super::collector::Collector;
 use super::text::{excerpt, parse};
 use super::{Error, Limits};
+use crate::reconstruction::space::Space;
 use arrays::{Numbers, scalar};
 
 pub(super) use xml::{is_xml, read as read_xml};
@@ -58,16 +59,20 @@ pub(super) fn read_legacy<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collec
         }
         None => None,
     };
-    collect(limits, &[(points, normals)])
+    // The title says it, as 3D Slicer writes it.
+    let space = Space::from_tags(lines[1]);
+    collect(limits, &[(points, normals)], space)
 }
 
 /// Pours the pieces of a file into a collector: points, and normals where all pieces have them.
 fn collect<'l>(
     limits: &'l Limits,
     pieces: &[(Numbers, Option<Numbers>)],
+    space: Space,
 ) -> Result<Collector<'l>, Error> {
     let with_normals = pieces.iter().all(|(_, normals)| normals.is_some());
     let mut collector = Collector::new(limits, with_normals, false);
+    collector.space(space);
     let mut number = 0;
     for (points, normals) in pieces {
         for i in 0..points.len() / 3 {

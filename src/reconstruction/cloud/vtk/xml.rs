@@ -5,6 +5,7 @@ use super::{ByteOrder, Scalar, collect, enough, header, scalar_of_xml};
 use crate::reconstruction::cloud::collector::Collector;
 use crate::reconstruction::cloud::text::{excerpt, parse};
 use crate::reconstruction::cloud::{Error, Limits};
+use crate::reconstruction::space::Space;
 
 /// Looked at to tell polygon data from other kinds.
 const HEAD: usize = 4096;
@@ -112,9 +113,11 @@ pub(in crate::reconstruction::cloud) fn read<'l>(
     // Of the open piece: number of points, name of its normals, points, normals.
     let mut piece: Option<(usize, &[u8], Option<Numbers>, Option<Numbers>)> = None;
     let mut within: &[u8] = b"";
+    let mut space = Space::default();
     for tag in tags {
         match tag.name {
             b"AppendedData" => break,
+            b"Array" if tag.get(b"Name") == Some(b"SPACE".as_slice()) => space = file.space(&tag),
             b"Piece" => {
                 let count = tag.number(b"NumberOfPoints").unwrap_or(0);
                 piece = (count > 0).then_some((count, b"".as_slice(), None, None));
@@ -151,7 +154,7 @@ pub(in crate::reconstruction::cloud) fn read<'l>(
     if pieces.is_empty() {
         return Err(Error::Empty);
     }
-    collect(limits, &pieces)
+    collect(limits, &pieces, space)
 }
 
 fn packing(root: &Tag<'_>) -> Result<Packing, Error> {
@@ -187,6 +190,16 @@ fn appended(bytes: &[u8]) -> Option<(&[u8], bool)> {
 }
 
 impl File<'_> {
+    /// The frame that an array of the codes of its letters names.
+    fn space(&self, tag: &Tag<'_>) -> Space {
+        let text = &self.bytes[tag.end..];
+        let text = &text[..text.iter().position(|&b| b == b'<').unwrap_or(text.len())];
+        let codes = text.split(u8::is_ascii_whitespace).filter_map(parse);
+        let letters = codes.map(|code| code as u8).filter(u8::is_ascii_alphabetic);
+        let tags: Vec<u8> = b"SPACE=".iter().copied().chain(letters.take(8)).collect();
+        Space::from_tags(&tags)
+    }
+
     /// Three numbers for each of `count` points.
     fn array(&self, tag: &Tag<'_>, count: usize) -> Result<Numbers, Error> {
         let kind = tag.get(b"type").unwrap_or_default();
