@@ -427,6 +427,9 @@ def read_structures(data):
         for contour in drawn.get("ContourSequence", []):
             if contour.ContourGeometricType in ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR"):
                 points = np.array(contour.ContourData, float).reshape(-1, 3)
+                # A point that comes again, as at the end of a ring, is one point.
+                again = (points == np.roll(points, 1, axis=0)).all(axis=1)
+                points = points[~again]
                 if len(points) >= 3:
                     contours.append(points)
         if contours:

@@ -53,6 +53,8 @@ pub(super) fn of_base64(text: &[u8], most: usize) -> Option<Vec<u8>> {
                 (bits, count) = (0, 0);
                 continue;
             }
+            // What is appended ends with a tag.
+            b'<' => break,
             _ => return None,
         };
         bits = bits << 6 | u32::from(value);
