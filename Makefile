@@ -1,5 +1,5 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-medical bench-service soak deny clean
+.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-medical bench-service soak fuzz-medical deny clean
 .DEFAULT_GOAL := help
 
 help:
@@ -18,6 +18,7 @@ help:
 	@echo "make bench-medical  label maps of known solids, beside VTK, which it installs under target/"
 	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
 	@echo "make soak    jobs under random faults; MINUTES=10"
+	@echo "make fuzz-medical  80,000 damaged label maps and DICOM files"
 	@echo "make check   format, lints, documentation"
 	@echo "make deny    licences, sources and duplicate crates"
 
@@ -99,6 +100,9 @@ bench-service: build
 
 soak: setup
 	@./scripts/soak.sh $(MINUTES)
+
+fuzz-medical: setup
+	cargo nextest run --locked --run-ignored only --no-capture -E 'test(many_damaged_segmentations)'
 
 deny:
 	cargo deny --locked check licenses bans sources

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::Failure;
 use super::encoding::{Encoding, Space};
-use super::files::{Sink, read, read_cloud};
+use super::files::{PartArguments, Sink, read, read_cloud};
 use super::progress::Progress;
 use crate::reconstruction::cloud::{Label, PointCloud, Source};
 use crate::reconstruction::report::Verdict;
@@ -22,8 +22,8 @@ use crate::reconstruction::{
 /// Arguments of `meshway reconstruct`.
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// Point clouds: PLY, XYZ, CSV, PTS, PTX, OBJ, OFF, STL, PCD or NPY, also gzipped; `-` is
-    /// standard input. Of several each gets a mesh of its name, and --output and the like are folders.
+    /// Point clouds: PLY, XYZ, CSV, PTS, PTX, OBJ, OFF, STL, PCD or NPY, also gzipped; segmentations:
+    /// NIfTI, NRRD, MHA, DICOM SEG and RT-STRUCT; `-` is standard input. Of several each gets a mesh of its name, and --output and the like are folders.
     #[arg(required = true, value_name = "CLOUD")]
     clouds: Vec<PathBuf>,
     /// Points inside the surface, in addition to the labels of the cloud.
@@ -32,6 +32,8 @@ pub(super) struct Arguments {
     /// Points outside the surface, in addition to the labels of the cloud.
     #[arg(long, value_name = "CLOUD")]
     exterior: Option<PathBuf>,
+    #[command(flatten)]
+    part: PartArguments,
     /// The mesh; the ending chooses the format: ply, obj, stl, off, glb, 3mf, vtp, dcm. `-` is standard output.
     #[arg(short, long, value_name = "MESH")]
     output: PathBuf,
@@ -179,14 +181,15 @@ fn cloud(
     path: &Path,
     progress: &Progress,
 ) -> Result<(PointCloud, Vec<Input>, Source), Failure> {
-    let (mut whole, mut first, input) = read_cloud(path)?;
+    let (mut whole, mut first, input) = read_cloud(path, &arguments.part)?;
     let mut inputs = vec![input];
     for (path, label) in [
         (&arguments.interior, Label::Interior),
         (&arguments.exterior, Label::Exterior),
     ] {
         let Some(path) = path else { continue };
-        let (part, source, input) = read_cloud(path)?;
+        // What is told to be inside or outside is a cloud of its own.
+        let (part, source, input) = read_cloud(path, &PartArguments::default())?;
         first.warnings.extend(source.warnings);
         inputs.push(input);
         whole.append(part.with_label(label));

@@ -4,7 +4,7 @@
 //! and what is missing in a report is null here.
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::intake::Notice;
 use crate::reconstruction::report::Verdict;
@@ -22,7 +22,7 @@ pub struct Assessment {
     /// What the mesh is.
     pub mesh: Option<MeshSummary>,
     /// What was made of the slices of a segmentation.
-    pub slices: Option<Value>,
+    pub slices: Option<Map<String, Value>>,
     /// Which way the axes of its coordinates point in a patient.
     pub frame: Option<Frame>,
     /// Unit of its coordinates.
@@ -59,7 +59,7 @@ impl Assessment {
             verdict_reasons: notices(&report["verdict_reasons"]),
             warnings: notices(&report["warnings"]),
             mesh: MeshSummary::of(report),
-            slices: report.get("slices").filter(|slices| slices.is_object()).cloned(),
+            slices: report["slices"].as_object().cloned(),
             frame: Frame::deserialize(&report["frame"]).ok(),
             unit: Unit::deserialize(&report["unit"]).ok(),
         }

@@ -20,6 +20,7 @@
 mod blocks;
 mod cholesky;
 pub mod cloud;
+pub mod medical;
 pub mod mesh;
 mod model;
 pub mod network;

@@ -8,6 +8,7 @@ mod ensemble;
 mod fewer_triangles;
 mod gated;
 mod kinds;
+mod medical;
 mod mesh;
 mod network;
 mod open;

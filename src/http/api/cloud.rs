@@ -6,6 +6,7 @@ use super::Time;
 use crate::intake::Notice;
 use crate::jobs::{self, CloudId};
 use crate::reconstruction::cloud::{Counts, Format};
+use crate::reconstruction::medical::Contents;
 use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::Bounds;
 
@@ -25,6 +26,7 @@ pub(in crate::http) struct Cloud<'a> {
     space: Space,
     dropped_non_finite: u64,
     warnings: &'a [Notice],
+    segmentation: Option<&'a Contents>,
     created_at: Time,
     links: Links,
 }
@@ -55,6 +57,7 @@ impl<'a> From<&'a jobs::Cloud> for Cloud<'a> {
             space: summary.space,
             dropped_non_finite: summary.dropped_non_finite,
             warnings: &summary.warnings,
+            segmentation: summary.segmentation.as_deref(),
             created_at: Time(cloud.created_at),
             links: Links {
                 content: format!("{own}/content"),

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::{Problem, Time};
 use crate::jobs::assessment::Assessment;
 use crate::jobs::{self, CloudId, JobId, Status};
+use crate::reconstruction::medical::Choice;
 use crate::reconstruction::plan::Cost;
 use crate::reconstruction::{Phase, Preset, Settings};
 
@@ -26,6 +27,7 @@ pub(in crate::http) struct Job<'a> {
     preset: Preset,
     settings: &'a Settings,
     labels: &'a BTreeMap<String, String>,
+    source: Option<&'a Choice>,
     derived_from: Option<&'a JobId>,
     evaluations: u64,
     loss: Option<f64>,
@@ -76,6 +78,7 @@ impl<'a> Job<'a> {
             preset: job.preset,
             settings: &job.settings,
             labels: &job.labels,
+            source: job.source.as_ref(),
             derived_from: job.derived_from.as_ref(),
             evaluations: job.evaluations,
             loss: job.loss,

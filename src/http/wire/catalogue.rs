@@ -68,6 +68,9 @@ catalogue! {
     CloudHeader "cloud_header" 422 false "The header of the file cannot be understood.";
     CloudRow "cloud_row" 422 false "A row of the file cannot be understood.";
     CloudNoCoordinates "cloud_no_coordinates" 422 false "The file has no coordinates.";
+    OrientationMissing "orientation_missing" 422 false "The file does not say how it lies in the patient.";
+    SourceMissing "source_missing" 422 false "The file holds several parts, and none is chosen.";
+    SourceUnknown "source_unknown" 422 false "The part that is chosen is not in the file.";
     NormalsInvalid "normals_invalid" 422 false "The normals cannot be used.";
     SettingsInvalid "settings_invalid" 422 false "Settings are unknown, mistyped or out of bounds.";
     SettingsConflict "settings_conflict" 422 false "Settings contradict each other or the cloud.";

@@ -91,6 +91,17 @@ pub enum Error {
     /// Not one of the formats.
     #[error("{0}")]
     UnsupportedFormat(String),
+    /// A label map does not say how it lies in the patient.
+    #[error(
+        "{0}; left and right could be swapped: give the file its orientation, or read it with assume_orientation"
+    )]
+    OrientationMissing(String),
+    /// The file has several parts, and none is chosen.
+    #[error("{0}")]
+    SourceMissing(String),
+    /// The part that is chosen is not there.
+    #[error("{0}")]
+    SourceUnknown(String),
     /// The compressed stream is damaged.
     #[error("gzip: {0}")]
     Compression(String),
@@ -120,6 +131,9 @@ impl Error {
             Self::NoCoordinates(_) => "cloud_no_coordinates",
             Self::NormalsInvalid(_) => "normals_invalid",
             Self::UnsupportedFormat(_) => "unsupported_format",
+            Self::OrientationMissing(_) => "orientation_missing",
+            Self::SourceMissing(_) => "source_missing",
+            Self::SourceUnknown(_) => "source_unknown",
             Self::Compression(_) => "unsupported_encoding",
             Self::ExpandsTooFar { .. } => "body_too_large",
         }

@@ -4,7 +4,7 @@
 //! readers into a `collector`, which holds the limits. Readers see bytes, not files. What meshes have
 //! in common with clouds (headers, vertices, numbers) is read by the same code.
 
-mod binary;
+pub(super) mod binary;
 mod cells;
 mod collector;
 pub(super) mod columns;
@@ -27,6 +27,7 @@ mod shape;
 pub(super) mod stl;
 pub(super) mod text;
 mod validate;
+mod vtk;
 mod write;
 mod xyz;
 
@@ -38,7 +39,7 @@ use super::vector::{Bounds, Vec3, multiplied};
 pub use error::Error;
 pub use format::Format;
 pub use ply::MAX_HEADER_BYTES;
-pub use read::{Limits, Source, read};
+pub use read::{Found, Limits, Opened, Options, Source, look, open, read, read_part};
 pub(super) use read::{content, unpack};
 pub(super) use validate::{MAX_COORDINATE, enough_points};
 pub use write::{write_ply, write_xyz};
