@@ -149,13 +149,11 @@ impl JobRequest {
     /// [`Code::SourceMissing`] and [`Code::SourceUnknown`], both with the list.
     fn check_source(&self, summary: &Summary) -> Result<()> {
         let Some(contents) = &summary.segmentation else {
-            return match &self.source {
-                None => Ok(()),
-                Some(_) => {
-                    let detail = "the cloud has no parts to choose from; leave the choice out";
-                    Err(ApiError::fault(Code::SourceUnknown, "/source", detail))
-                }
-            };
+            if self.source.is_none() {
+                return Ok(());
+            }
+            let detail = "the cloud has no parts to choose from; leave the choice out";
+            return Err(ApiError::fault(Code::SourceUnknown, "/source", detail));
         };
         let parts = &contents.parts;
         let chosen = parts.choose(self.source.as_ref());

@@ -75,7 +75,7 @@ impl<'a> Iterator for Tags<'a> {
         let inside = &self.bytes[start..start + length];
         let name = inside
             .iter()
-            .position(|b| b.is_ascii_whitespace())
+            .position(u8::is_ascii_whitespace)
             .unwrap_or(length);
         Some(Tag {
             name: &inside[..name],
@@ -110,8 +110,7 @@ pub(in crate::reconstruction::cloud) fn read<'l>(
         appended: appended(bytes),
     };
     let mut pieces = Vec::new();
-    // Of the open piece: number of points, name of its normals, points, normals.
-    let mut piece: Option<(usize, &[u8], Option<Numbers>, Option<Numbers>)> = None;
+    let mut piece: Option<Piece<'_>> = None;
     let mut within: &[u8] = b"";
     let mut space = Space::default();
     for tag in tags {
@@ -120,10 +119,15 @@ pub(in crate::reconstruction::cloud) fn read<'l>(
             b"Array" if tag.get(b"Name") == Some(b"SPACE".as_slice()) => space = file.space(&tag),
             b"Piece" => {
                 let count = tag.number(b"NumberOfPoints").unwrap_or(0);
-                piece = (count > 0).then_some((count, b"".as_slice(), None, None));
+                piece = (count > 0).then(|| Piece::of(count));
             }
             b"/Piece" => {
-                if let Some((_, _, Some(points), normals)) = piece.take() {
+                if let Some(Piece {
+                    points: Some(points),
+                    normals,
+                    ..
+                }) = piece.take()
+                {
                     pieces.push((points, normals));
                 }
             }
@@ -131,21 +135,21 @@ pub(in crate::reconstruction::cloud) fn read<'l>(
             b"PointData" => {
                 within = tag.name;
                 if let Some(piece) = &mut piece {
-                    piece.1 = tag.get(b"Normals").unwrap_or_default();
+                    piece.name = tag.get(b"Normals").unwrap_or_default();
                 }
             }
             b"/Points" | b"/PointData" => within = b"",
             b"DataArray" => {
-                let Some((count, name, points, normals)) = &mut piece else {
+                let Some(piece) = &mut piece else {
                     continue;
                 };
-                if within == b"Points" && points.is_none() {
-                    *points = Some(file.array(&tag, *count)?);
+                if within == b"Points" && piece.points.is_none() {
+                    piece.points = Some(file.array(&tag, piece.count)?);
                 } else if within == b"PointData"
-                    && !name.is_empty()
-                    && tag.get(b"Name") == Some(*name)
+                    && !piece.name.is_empty()
+                    && tag.get(b"Name") == Some(piece.name)
                 {
-                    *normals = Some(file.array(&tag, *count)?);
+                    piece.normals = Some(file.array(&tag, piece.count)?);
                 }
             }
             _ => {}
@@ -155,6 +159,27 @@ pub(in crate::reconstruction::cloud) fn read<'l>(
         return Err(Error::Empty);
     }
     collect(limits, &pieces, space)
+}
+
+/// A piece whose end is yet to come.
+struct Piece<'a> {
+    /// Number of its points.
+    count: usize,
+    /// Name of its normals, empty where there are none.
+    name: &'a [u8],
+    points: Option<Numbers>,
+    normals: Option<Numbers>,
+}
+
+impl Piece<'_> {
+    fn of(count: usize) -> Self {
+        Self {
+            count,
+            name: b"",
+            points: None,
+            normals: None,
+        }
+    }
 }
 
 fn packing(root: &Tag<'_>) -> Result<Packing, Error> {

@@ -121,7 +121,7 @@ impl<'a> Parser<'a> {
     /// Elements up to byte `end`, or up to the end of an item.
     fn elements(&mut self, end: usize, depth: usize) -> Result<DataSet<'a>, Error> {
         if depth > DEEPEST {
-            return Err(self.fault(format!("sequences are nested more than {DEEPEST} deep")));
+            return Err(self.fault(&format!("sequences are nested more than {DEEPEST} deep")));
         }
         let mut elements = Vec::new();
         // What is left over at the end of a file is padding.
@@ -134,7 +134,7 @@ impl<'a> Parser<'a> {
             elements.push((tag, self.value(tag, depth)?));
         }
         if depth > 0 && self.at > end {
-            return Err(self.fault("an element is longer than its item".to_owned()));
+            return Err(self.fault("an element is longer than its item"));
         }
         Ok(DataSet(elements))
     }
@@ -179,7 +179,7 @@ impl<'a> Parser<'a> {
             return Ok((self.word()?.into(), Some(kind)));
         }
         if !kind.iter().all(u8::is_ascii_uppercase) {
-            return Err(self.fault(format!("{tag:08x} has no type")));
+            return Err(self.fault(&format!("{tag:08x} has no type")));
         }
         self.word()?;
         Ok((self.long()?, Some(kind)))
@@ -206,11 +206,11 @@ impl<'a> Parser<'a> {
                     items.push(self.elements(item_end, depth + 1)?);
                     self.at = item_end;
                 }
-                _ => return Err(self.fault(format!("{tag:08x} stands where an item should"))),
+                _ => return Err(self.fault(&format!("{tag:08x} stands where an item should"))),
             }
         }
         if marked {
-            return Err(self.fault("a sequence has no end".to_owned()));
+            return Err(self.fault("a sequence has no end"));
         }
         self.at = end;
         Ok(Value::Items(items))
@@ -225,7 +225,7 @@ impl<'a> Parser<'a> {
             match tag {
                 tags::ITEM => fragments.push(self.take(length as usize)?),
                 tags::SEQUENCE_END => break,
-                _ => return Err(self.fault(format!("{tag:08x} stands where pixels should"))),
+                _ => return Err(self.fault(&format!("{tag:08x} stands where pixels should"))),
             }
         }
         if !fragments.is_empty() {
@@ -234,7 +234,7 @@ impl<'a> Parser<'a> {
         Ok(Value::Fragments(fragments))
     }
 
-    fn fault(&self, detail: String) -> Error {
+    fn fault(&self, detail: &str) -> Error {
         Error::Header {
             line: 0,
             detail: format!("at byte {}: {detail}", self.at),

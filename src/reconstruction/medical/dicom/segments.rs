@@ -220,10 +220,10 @@ fn counts(
                 let value = pixels.at(frame, column, row);
                 match coding {
                     Coding::Numbers if value != 0 && value != background => {
-                        *found.entry(value).or_default() += 1
+                        *found.entry(value).or_default() += 1;
                     }
                     Coding::Binary if value > 0 => {
-                        *found.entry(segment.unwrap_or(1)).or_default() += 1
+                        *found.entry(segment.unwrap_or(1)).or_default() += 1;
                     }
                     Coding::Shares(most) if 2 * u32::from(value) >= u32::from(most) => {
                         *found.entry(segment.unwrap_or(1)).or_default() += 1;
@@ -256,18 +256,15 @@ fn thickness(frames: &Frames, data_set: &DataSet<'_>) -> f64 {
         .map(|pair| distance(pair[0], pair[1]))
         .collect();
     distances.sort_by(f64::total_cmp);
-    match distances.get(distances.len() / 2) {
-        Some(&distance) => distance,
-        // A single slice has its own thickness.
-        None => {
-            let measures = data_set
-                .item(tags::SHARED_GROUPS)
-                .and_then(|group| group.item(tags::PIXEL_MEASURES_SEQUENCE));
-            let thickness =
-                measures.and_then(|measures| measures.vector::<1>(tags::SLICE_THICKNESS));
-            thickness.map_or(1.0, |[thickness]| thickness.abs().min(1e3))
-        }
+    if let Some(&distance) = distances.get(distances.len() / 2) {
+        return distance;
     }
+    // A single slice has its own thickness.
+    let measures = data_set
+        .item(tags::SHARED_GROUPS)
+        .and_then(|group| group.item(tags::PIXEL_MEASURES_SEQUENCE));
+    let thickness = measures.and_then(|measures| measures.vector::<1>(tags::SLICE_THICKNESS));
+    thickness.map_or(1.0, |[thickness]| thickness.abs().min(1e3))
 }
 
 impl Source for Stack<'_> {
