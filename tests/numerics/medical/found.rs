@@ -1,5 +1,7 @@
 //! What Meshway finds in a file, in the words of `scripts/medical.py read`.
 
+use std::path::Path;
+
 use meshway::reconstruction::cloud::{Error, Limits, Opened, Options, open};
 use meshway::reconstruction::medical::{Affine, Contents};
 use meshway::reconstruction::slices::{Content, Geometry, Mask, Plane};
@@ -25,6 +27,13 @@ pub(super) struct Found {
     pub(super) items: Vec<FoundItem>,
 }
 
+/// Whether a file is DICOM, by its name.
+pub(super) fn is_dicom(name: &str) -> bool {
+    Path::new(name)
+        .extension()
+        .is_some_and(|ending| ending == "dcm")
+}
+
 pub(super) fn found(bytes: &[u8], name: &str, assume_orientation: bool) -> Result<Found, Error> {
     let options = Options {
         name: Some(name),
@@ -39,7 +48,7 @@ pub(super) fn found(bytes: &[u8], name: &str, assume_orientation: bool) -> Resul
         let items = contents.parts.items.iter().enumerate().map(|(i, item)| {
             let geometry = segmentation.geometry(i);
             // Of DICOM the oracle knows frames, of the others the indices of the file.
-            let grid = contents.affine.filter(|_| !name.ends_with(".dcm"));
+            let grid = contents.affine.filter(|_| !is_dicom(name));
             summed(
                 item.number,
                 &geometry,
