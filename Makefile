@@ -1,5 +1,5 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-service soak deny clean
+.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-medical bench-service soak fuzz-medical deny clean
 .DEFAULT_GOAL := help
 
 help:
@@ -15,8 +15,10 @@ help:
 	@echo "make bench-engines  loss and gradient beside PyTorch and JAX, which it installs under target/"
 	@echo "make bench-quality BENCH=FOLDER  clouds with true surfaces, beside what other tools reached;"
 	@echo "             dense clouds from true surfaces, beside Open3D, which it installs under target/"
+	@echo "make bench-medical  label maps of known solids, beside VTK, which it installs under target/"
 	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
 	@echo "make soak    jobs under random faults; MINUTES=10"
+	@echo "make fuzz-medical  80,000 damaged label maps and DICOM files"
 	@echo "make check   format, lints, documentation"
 	@echo "make deny    licences, sources and duplicate crates"
 
@@ -84,11 +86,24 @@ $(QUALITY_VENV): benches/quality/dense/requirements.txt
 	target/quality-venv/bin/pip install --quiet --requirement $<
 	@touch $@
 
+MEDICAL_VENV := target/medical-venv/made
+
+bench-medical: build $(MEDICAL_VENV)
+	python3 benches/medical $(ARGS)
+
+$(MEDICAL_VENV): benches/medical/requirements.txt
+	python3 -m venv target/medical-venv
+	target/medical-venv/bin/pip install --quiet --requirement $<
+	@touch $@
+
 bench-service: build
 	cargo bench --locked --bench service
 
 soak: setup
 	@./scripts/soak.sh $(MINUTES)
+
+fuzz-medical: setup
+	cargo nextest run --locked --run-ignored only --no-capture -E 'test(many_damaged_segmentations)'
 
 deny:
 	cargo deny --locked check licenses bans sources

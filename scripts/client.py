@@ -60,9 +60,14 @@ for job in (first, second):
     assert job.mesh.closed and job.mesh.triangles > 100, job.mesh
 assert len(list_jobs.sync(client=client, status=Status.SUCCEEDED).items) == 2
 
-begins = {"ply": b"ply", "obj": b"v ", "stl": b"Meshway", "off": b"OFF", "glb": b"glTF"}
+begins = {"ply": b"ply", "obj": b"v ", "stl": b"Meshway", "off": b"OFF", "glb": b"glTF",
+          "3mf": b"PK", "vtp": b"<?xml"}
 for format_ in MeshFormat:
     mesh = get_mesh_as.sync(first.id, format_, client=client)
+    if format_.value == "dcm":
+        # The sphere has no frame, which DICOM needs.
+        assert isinstance(mesh, Problem) and mesh.code == "not_acceptable", mesh
+        continue
     begin = begins[format_.value]
     assert mesh.payload.read().lstrip(b"#").lstrip().startswith(begin) or format_ == MeshFormat.OBJ, format_
 assert len(get_model.sync(first.id, client=client).payload.read()) > 1000

@@ -27,7 +27,7 @@ settings = json.dumps({"preset": "fast", "settings": {
     "surface": {"resolution": 24}}})
 form = (b"--x\r\nContent-Disposition: form-data; name=\"job\"\r\n\r\n" + settings.encode()
         + b"\r\n--x\r\nContent-Disposition: form-data; name=\"file\"; filename=\"sphere.ply\"\r\n\r\n"
-        + open(path, "rb").read() + b"\r\n--x--\r\n")
+        + open(path, "rb").read().replace(b"element vertex", b"comment SPACE=LPS\nelement vertex", 1) + b"\r\n--x--\r\n")
 request = urllib.request.Request(address + "/v1/jobs", form, {
     "Content-Type": "multipart/form-data; boundary=x", "Prefer": "wait=60"})
 job = json.load(urllib.request.urlopen(request))
@@ -57,8 +57,15 @@ include-path-regex = "^/v1/(clouds|jobs|jobs/[{]id[}]/retry)$"
 expected-statuses = ["2xx", "304", "400", "404", "409", "410", "413", "415", "422"]
 
 [[operations]]
-include-path-regex = "^/v1/jobs/[{]id[}]/(events|metrics|gradients|mesh|snapshots|report|model|field)"
+include-path-regex = "^/v1/jobs/[{]id[}]/(events|metrics|gradients|mask|report|model|field)"
 parameters = { "path.id" = "$job" }
+
+# DICOM is in LPS, whatever is asked for.
+[[operations]]
+include-path-regex = "^/v1/jobs/[{]id[}]/(mesh|snapshots)"
+parameters = { "path.id" = "$job" }
+[operations.checks.positive_data_acceptance]
+expected-statuses = ["2xx", "304", "404", "409", "410", "416", "422"]
 
 [[operations]]
 include-path-regex = "^/v1/clouds/[{]id[}]/(content|points)"

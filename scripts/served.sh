@@ -1,20 +1,24 @@
 # Serves an instance for a check, to be sourced: `$program` in a folder of its own, `$work`, with its log
 # in `$work/log`, until the script ends. Sets `$address`. Needs `$root` and a function `fail`. Before that
-# it installs what checks, `$package` of PyPI in its `$version`, into `$tools`, a folder under target/; where
-# that is set.
+# it installs what checks, `$package` of PyPI in its `$version` and what the list `$besides` names, into
+# `$tools`, a folder under target/; where that is set. A second server of the check is ended too, `$besides_server`.
 [ -x "$program" ] || fail "$program is missing; make build, or set MESHWAY"
 if [ -n "${package:-}" ]; then
   tools=$root/target/$package-$version
   if [ ! -x "$tools/bin/$package" ]; then
     python3 -m venv "$tools" || fail "no Python environment (Debian: apt-get install python3-venv)"
-    "$tools/bin/pip" install --quiet --disable-pip-version-check "$package==$version"
+    "$tools/bin/pip" install --quiet --disable-pip-version-check "$package==$version" ${besides[@]+"${besides[@]}"}
   fi
 fi
 
 work=$(mktemp -d)
 server=
+besides_server=
 tidy() {
-  [ -z "$server" ] || { kill "$server" 2>/dev/null || true; wait "$server" 2>/dev/null || true; }
+  for process in $server $besides_server; do
+    kill "$process" 2>/dev/null || true
+    wait "$process" 2>/dev/null || true
+  done
   rm -rf "$work"
 }
 trap tidy EXIT

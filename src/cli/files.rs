@@ -4,11 +4,13 @@ use std::fs;
 use std::io::{self, BufWriter, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 
+use clap::Args;
 use sha2::{Digest, Sha256};
 
 use super::Failure;
 use crate::reconstruction::Input;
 use crate::reconstruction::cloud::{self, PointCloud};
+use crate::reconstruction::medical::Choice;
 
 /// Reads a whole file, or standard input for `-`.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
@@ -21,13 +23,51 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     bytes.map_err(|error| Failure::input(path, format!("cannot be read: {error}")))
 }
 
+/// Which part of a medical file is meant, and how it is understood.
+#[derive(Debug, Clone, Default, Args)]
+pub(super) struct PartArguments {
+    /// Value of the label that a surface is made of, where a label map has several.
+    #[arg(
+        long,
+        value_name = "VALUE",
+        group = "part",
+        allow_negative_numbers = true
+    )]
+    label: Option<i64>,
+    /// Name or number of the segment, where a segmentation has several.
+    #[arg(long, value_name = "NAME", group = "part")]
+    segment: Option<String>,
+    /// Name or number of the region of interest, where a structure set has several.
+    #[arg(long, value_name = "NAME", group = "part")]
+    roi: Option<String>,
+    /// Take a label map that does not say how it lies in the patient as it lies in its own axes.
+    #[arg(long)]
+    assume_orientation: bool,
+}
+
+impl PartArguments {
+    fn choice(&self) -> Option<Choice> {
+        let segment = self.segment.clone().map(Choice::Segment);
+        let roi = self.roi.clone().map(Choice::Roi);
+        self.label.map(Choice::Label).or(segment).or(roi)
+    }
+}
+
 /// Reads a point cloud, with what the report records of its file.
-pub(super) fn read_cloud(path: &Path) -> Result<(PointCloud, cloud::Source, Input), Failure> {
+pub(super) fn read_cloud(
+    path: &Path,
+    part: &PartArguments,
+) -> Result<(PointCloud, cloud::Source, Input), Failure> {
     let bytes = read(path)?;
     let name = path
         .file_name()
         .map(|name| name.to_string_lossy().into_owned());
-    let (cloud, source) = cloud::read(&bytes, name.as_deref(), &cloud::Limits::default())
+    let options = cloud::Options {
+        name: name.as_deref(),
+        limits: &cloud::Limits::default(),
+        assume_orientation: part.assume_orientation,
+    };
+    let (cloud, source) = cloud::read_part(&bytes, &options, part.choice().as_ref())
         .map_err(|error| Failure::cloud(path, &error))?;
     let input = Input {
         name: name.unwrap_or_default(),

@@ -20,6 +20,9 @@ pub(super) struct Arguments {
     /// Ending of a file name, for contents that do not show their format.
     #[arg(long)]
     hint: Option<String>,
+    /// Takes a label map that does not say how it lies in the patient as it lies in its own axes.
+    #[arg(long)]
+    assume_orientation: bool,
     /// Most points.
     #[arg(long, default_value_t = 5_000_000)]
     max_points: u64,
@@ -65,8 +68,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .as_ref()
         .and_then(|ending| Format::from_extension(&format!("cloud.{ending}")));
     let limits = limits(arguments.max_points, arguments.max_bytes);
-    let read = parse(&bytes, hint, &limits);
-    let read = read.and_then(|(cloud, source)| Ok((sum_up(&cloud, &source)?, cloud)));
+    let read = parse(&bytes, hint, &limits, arguments.assume_orientation);
+    let read = read.and_then(|parsed| Ok((sum_up(&parsed)?, parsed.cloud)));
     let (verdict, rows) = match read {
         Ok((summary, cloud)) => (Ok(summary), rows(&cloud, arguments.points)),
         Err(error) => (Err(error), Vec::new()),

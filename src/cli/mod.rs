@@ -2,6 +2,7 @@
 
 mod data_folder;
 mod documents;
+mod encoding;
 mod error;
 mod evaluate;
 mod files;
@@ -37,7 +38,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Reconstruct a closed mesh from a point cloud.
-    Reconstruct(reconstruct::Arguments),
+    Reconstruct(Box<reconstruct::Arguments>),
     /// Draw a labelled cloud from an analytic shape.
     Sample(sample::Arguments),
     /// Measure a mesh: topology, and distances to a mesh, a cloud or a shape.

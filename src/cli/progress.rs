@@ -234,7 +234,7 @@ mod tests {
             bar.tick();
             let written = terminal.written.lock().unwrap();
             let lines: Vec<&str> = written.iter().map(|line| line.trim_end()).collect();
-            let drawn = lines.iter().find(|line| line.contains("training"));
+            let drawn = lines.iter().rfind(|line| line.contains("training"));
             let drawn = drawn.expect("the bar is drawn");
             assert!(drawn.contains('█'), "{columns}: {drawn}");
             assert!(drawn.contains("loss 1.234e-5"), "{columns}: {drawn}");

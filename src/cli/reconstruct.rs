@@ -7,23 +7,23 @@ use clap::Args;
 use serde_json::Value;
 
 use super::Failure;
-use super::files::{Sink, read, read_cloud};
+use super::encoding::{Encoding, Space};
+use super::files::{PartArguments, Sink, read, read_cloud};
 use super::progress::Progress;
-use crate::reconstruction::cloud::{Label, PointCloud};
-use crate::reconstruction::mesh::write::{Format, holds, write};
+use crate::reconstruction::cloud::{Label, PointCloud, Source};
 use crate::reconstruction::report::Verdict;
 use crate::reconstruction::settings::assignments;
 use crate::reconstruction::training::{Column, csv};
 use crate::reconstruction::{
-    Event, Input, Observer, Preset, Reconstruction, Report, Settings, Warning, in_pool,
-    reconstruct, set_threads,
+    Event, Input, Observer, Preset, Reconstruction, Report, Settings, in_pool, reconstruct,
+    set_threads,
 };
 
 /// Arguments of `meshway reconstruct`.
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// Point clouds: PLY, XYZ, CSV, PTS, PTX, OBJ, OFF, STL, PCD or NPY, also gzipped; `-` is
-    /// standard input. Of several each gets a mesh of its name, and --output and the like are folders.
+    /// Point clouds: PLY, XYZ, CSV, PTS, PTX, OBJ, OFF, STL, PCD or NPY, also gzipped; segmentations:
+    /// NIfTI, NRRD, MHA, DICOM SEG and RT-STRUCT; `-` is standard input. Of several each gets a mesh of its name, and --output and the like are folders.
     #[arg(required = true, value_name = "CLOUD")]
     clouds: Vec<PathBuf>,
     /// Points inside the surface, in addition to the labels of the cloud.
@@ -32,12 +32,17 @@ pub(super) struct Arguments {
     /// Points outside the surface, in addition to the labels of the cloud.
     #[arg(long, value_name = "CLOUD")]
     exterior: Option<PathBuf>,
-    /// The mesh; the ending chooses the format: ply, obj, stl, off, glb. `-` is standard output.
+    #[command(flatten)]
+    part: PartArguments,
+    /// The mesh; the ending chooses the format: ply, obj, stl, off, glb, 3mf, vtp, dcm. `-` is standard output.
     #[arg(short, long, value_name = "MESH")]
     output: PathBuf,
-    /// Format of the mesh, where the ending does not say it: ply, `ply_ascii`, obj, stl, off, glb.
+    /// Format of the mesh, where the ending does not say it: ply, `ply_ascii`, obj, stl, off, glb, 3mf, vtp, dcm.
     #[arg(long, value_name = "FORMAT")]
     format: Option<String>,
+    /// Frame of the mesh's coordinates: lps and ras turn it, where the cloud says its frame.
+    #[arg(long, value_name = "FRAME", value_enum, default_value_t)]
+    space: Space,
     /// Named settings to start from.
     #[arg(long, value_enum, default_value_t)]
     preset: Preset,
@@ -100,25 +105,15 @@ fn run_with(
     sinks: &Sinks,
 ) -> Result<(), Failure> {
     let progress = Progress::new(arguments.quiet);
-    let (cloud, inputs, warnings) = cloud(arguments, path, &progress)?;
-    // As fine as a mesh of it can be; what it really has is looked at when it is written.
-    if let Some(bounds) = cloud.bounds()
-        && !holds(
-            sinks.format,
-            &bounds,
-            bounds.diagonal() / settings.surface.resolution as f64,
-        )
-    {
-        return Err(Failure::Usage(format!(
-            "{}: lies too far from the origin for the 32 bits of STL; write ply, obj, off or glb",
-            path.display()
-        )));
-    }
+    let (cloud, inputs, source) = cloud(arguments, path, &progress)?;
+    let refused = sinks.encoding.check(&cloud, settings.surface.resolution);
+    refused.map_err(|detail| Failure::Usage(format!("{}: {detail}", path.display())))?;
 
     let outcome = reconstruct(&cloud, settings, &progress);
     progress.finish();
     let mut result = outcome.map_err(|error| Failure::of(error, path))?;
-    result.report.read_from(inputs, warnings);
+    let mesh = &result.mesh;
+    result.report.read_from(inputs, source, mesh);
     sinks.write(&result, &progress)?;
     progress.say(&result.report.summary());
     if let Some(name) = sinks.mesh.name() {
@@ -180,43 +175,35 @@ fn threads(asked: Option<usize>) -> Result<usize, Failure> {
     }
 }
 
-/// The cloud of all files, what the report records of each, and what their readers warn of.
+/// The cloud of all files, what the report records of each, and how the first was read, with the warnings of all.
 fn cloud(
     arguments: &Arguments,
     path: &Path,
     progress: &Progress,
-) -> Result<(PointCloud, Vec<Input>, Vec<Warning>), Failure> {
-    let parts = [
-        (Some(path), None),
-        (arguments.interior.as_deref(), Some(Label::Interior)),
-        (arguments.exterior.as_deref(), Some(Label::Exterior)),
-    ];
-    let mut whole: Option<PointCloud> = None;
-    let (mut inputs, mut warnings) = (Vec::new(), Vec::new());
-    for (path, label) in parts {
+) -> Result<(PointCloud, Vec<Input>, Source), Failure> {
+    let (mut whole, mut first, input) = read_cloud(path, &arguments.part)?;
+    let mut inputs = vec![input];
+    for (path, label) in [
+        (&arguments.interior, Label::Interior),
+        (&arguments.exterior, Label::Exterior),
+    ] {
         let Some(path) = path else { continue };
-        let (part, source, input) = read_cloud(path)?;
-        for warning in &source.warnings {
-            progress.event(Event::Warning(warning));
-        }
-        warnings.extend(source.warnings);
+        // What is told to be inside or outside is a cloud of its own.
+        let (part, source, input) = read_cloud(path, &PartArguments::default())?;
+        first.warnings.extend(source.warnings);
         inputs.push(input);
-        let part = match label {
-            Some(label) => part.with_label(label),
-            None => part,
-        };
-        match &mut whole {
-            None => whole = Some(part),
-            Some(whole) => whole.append(part),
-        }
+        whole.append(part.with_label(label));
     }
-    Ok((whole.unwrap_or_default(), inputs, warnings))
+    for warning in &first.warnings {
+        progress.event(Event::Warning(warning));
+    }
+    Ok((whole, inputs, first))
 }
 
 /// All the places that results go to, checked before the work begins.
 struct Sinks {
     mesh: Sink,
-    format: Format,
+    encoding: Encoding,
     report: Option<Sink>,
     metrics: Option<Sink>,
     gradients: Option<Sink>,
@@ -243,16 +230,14 @@ impl Sinks {
             let path = path.as_deref();
             path.map(|path| sink(path, ending)).transpose()
         };
-        let (mesh, format) = if several {
-            let format = match arguments.format.as_deref() {
-                Some(name) => named(name)?,
-                None => Format::PlyBinary,
-            };
-            (sink(&arguments.output, format.extension())?, format)
+        let format = arguments.format.as_deref();
+        let (mesh, encoding) = if several {
+            let encoding = Encoding::named(format, arguments.space)?;
+            (sink(&arguments.output, encoding.extension())?, encoding)
         } else {
             let mesh = Sink::new(&arguments.output)?;
-            let format = format(&mesh, arguments.format.as_deref())?;
-            (mesh, format)
+            let encoding = Encoding::of(&mesh, format, arguments.space)?;
+            (mesh, encoding)
         };
         if several && arguments.snapshots.is_some() {
             return Err(Failure::Usage(
@@ -274,7 +259,7 @@ impl Sinks {
         }
         Ok(Self {
             mesh,
-            format,
+            encoding,
             report: optional(&arguments.report, "json")?,
             metrics: optional(&arguments.metrics, "csv")?,
             gradients: optional(&arguments.gradients, "gradients.json")?,
@@ -283,8 +268,9 @@ impl Sinks {
     }
 
     fn write(&self, result: &Reconstruction, progress: &Progress) -> Result<(), Failure> {
+        let (encoding, made) = (self.encoding, &result.report);
         self.mesh
-            .write(|out| write(&result.mesh, self.format, out))?;
+            .write(|out| encoding.write(&result.mesh, made, out))?;
         if let Some(report) = &self.report {
             report.write(|out| json(out, &result.report))?;
         }
@@ -297,8 +283,8 @@ impl Sinks {
         }
         if let Some(folder) = &self.snapshots {
             for (evaluation, mesh) in progress.snapshots().iter() {
-                let name = format!("{evaluation}.{}", self.format.extension());
-                Sink::new(&folder.join(name))?.write(|out| write(mesh, self.format, out))?;
+                let name = format!("{evaluation}.{}", encoding.extension());
+                Sink::new(&folder.join(name))?.write(|out| encoding.write(mesh, made, out))?;
             }
         }
         Ok(())
@@ -322,28 +308,6 @@ fn own_name(arguments: &Arguments, cloud: &Path, ending: &str) -> Result<String,
         )));
     }
     Ok(format!("{own}.{ending}"))
-}
-
-fn named(asked: &str) -> Result<Format, Failure> {
-    let known = "ply, ply_ascii, obj, stl, off, glb";
-    Format::from_name(asked)
-        .ok_or_else(|| Failure::Usage(format!("--format is {asked}, must be one of: {known}")))
-}
-
-fn format(mesh: &Sink, asked: Option<&str>) -> Result<Format, Failure> {
-    match (asked, mesh.name()) {
-        (Some(asked), _) => named(asked),
-        (None, None) => Ok(Format::PlyBinary),
-        (None, Some(name)) => Path::new(name)
-            .extension()
-            .and_then(|ending| Format::from_extension(&ending.to_string_lossy()))
-            .ok_or_else(|| {
-                Failure::Usage(format!(
-                    "{name}: the ending names no mesh format; use .ply, .obj, .stl, .off or .glb, \
-                     or --format"
-                ))
-            }),
-    }
 }
 
 fn json(out: &mut dyn Write, value: &impl serde::Serialize) -> io::Result<()> {

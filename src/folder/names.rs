@@ -31,8 +31,21 @@ pub fn is_cloud(name: &str) -> bool {
 pub fn is_encoding(name: &str) -> bool {
     let kept = name
         .split_once('.')
-        .is_some_and(|(hash, format)| is_cloud(hash) && Format::from_name(format).is_some());
+        .is_some_and(|(hash, rest)| is_cloud(hash) && is_rendition(rest));
     kept || is_temporary(name)
+}
+
+/// What stands for a mask where other encodings have the name of a format.
+pub const MASK: &str = "mask";
+
+/// Whether that can stand behind the hash: a format, and after a hyphen what else makes a difference.
+fn is_rendition(name: &str) -> bool {
+    let (kind, rest) = name.split_once('-').unwrap_or((name, ""));
+    let known = kind == MASK || Format::from_name(kind).is_some();
+    known
+        && rest
+            .bytes()
+            .all(|b| b.is_ascii_alphanumeric() || b"_-".contains(&b))
 }
 
 /// Removes the files of a folder, not of those below it, that are to go.
@@ -79,6 +92,10 @@ mod tests {
             &format!("{hash}0"),
             &format!("{hash}.zip"),
             &format!("{hash}.ply.bak"),
+            &format!("{hash}.mask.ply"),
+            &format!("{hash}.zip-ply"),
+            &format!("{hash}.ply-../x"),
+            &format!("{hash}."),
         ] {
             assert!(
                 !is_cloud(other) && !is_temporary(other) && !is_encoding(other),

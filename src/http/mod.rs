@@ -97,6 +97,7 @@ fn results() -> Vec<Operation> {
         get("/v1/jobs/{id}/gradients", series::gradients),
         get("/v1/jobs/{id}/mesh", meshes::negotiated),
         get("/v1/jobs/{id}/mesh.{format}", meshes::result),
+        get("/v1/jobs/{id}/mask.nii.gz", meshes::mask),
         get("/v1/jobs/{id}/snapshots", meshes::snapshots),
         get("/v1/jobs/{id}/snapshots/{file}", meshes::snapshot),
         get("/v1/jobs/{id}/report", meshes::report),

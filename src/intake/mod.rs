@@ -16,11 +16,11 @@ use std::time::Duration;
 use tokio::process::Command;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use crate::reconstruction::cloud::{self, Format, PointCloud};
+use crate::reconstruction::cloud::{self, Format};
 use size::Size;
 use subset::middle;
 pub use subset::{Subset, rows};
-pub use summary::{Notice, Summary, Verdict, limits, parse, sum_up};
+pub use summary::{Notice, Parsed, Summary, Verdict, limits, parse, sum_up};
 
 /// Most bytes that one received byte may become, of an encoded body and of a gzipped file in it.
 pub const MAX_EXPANSION: u64 = 100;
@@ -42,6 +42,10 @@ const CHILD_BASE_BYTES: u64 = 512 << 20;
 /// Memory that reading may take for each byte of a file when it is unpacked: some more than a parsed
 /// cloud was seen to take.
 const MEMORY_PER_BYTE: u64 = 32;
+
+/// The same for label maps and contours, which are kept as they are: the file, what is packed in it,
+/// and some more.
+const MEMORY_PER_BYTE_OF_SLICES: u64 = 8;
 
 /// Longest time that a child may read: some 20 times what 512 MiB of text take.
 const CHILD_TIMEOUT: Duration = Duration::from_mins(5);
@@ -102,18 +106,11 @@ impl Reader {
         }
     }
 
-    /// Reads a file of `bytes` bytes, once there is memory for it beside the others.
+    /// Reads a file, once there is memory for it beside the others.
     ///
     /// # Errors
     /// What is wrong with the cloud.
-    pub async fn read(
-        &self,
-        path: &Path,
-        bytes: u64,
-        hint: Option<Format>,
-    ) -> Result<Summary, Error> {
-        let file = File { path, bytes, hint };
-        let sum_up = |cloud: &PointCloud, source: &cloud::Source| sum_up(cloud, source);
+    pub async fn read(&self, file: File<'_>) -> Result<Summary, Error> {
         match self.read_by(file, &[], sum_up).await? {
             Reading::Here(summary) => Ok(summary),
             Reading::InChild(said) => verdict(&said),
@@ -124,18 +121,11 @@ impl Reader {
     ///
     /// # Errors
     /// As for [`Self::read`].
-    pub async fn subset(
-        &self,
-        path: &Path,
-        bytes: u64,
-        hint: Option<Format>,
-        most: usize,
-    ) -> Result<Subset, Error> {
-        let file = File { path, bytes, hint };
-        let subset = move |cloud: &PointCloud, _: &cloud::Source| {
+    pub async fn subset(&self, file: File<'_>, most: usize) -> Result<Subset, Error> {
+        let subset = move |parsed: &Parsed| {
             Ok(Subset {
-                origin: middle(cloud.bounds().as_ref()),
-                rows: rows(cloud, most),
+                origin: middle(parsed.bounds.as_ref()),
+                rows: rows(&parsed.cloud, most),
             })
         };
         let arguments = [format!("--points={most}")];
@@ -158,31 +148,34 @@ impl Reader {
         &self,
         file: File<'_>,
         arguments: &[String],
-        here: impl FnOnce(&PointCloud, &cloud::Source) -> Result<T, cloud::Error> + Send + 'static,
+        here: impl FnOnce(&Parsed) -> Result<T, cloud::Error> + Send + 'static,
     ) -> Result<Reading<T>, Error> {
         let room = take(&self.parsing, IN_PROCESS_BYTES, PARSED_KIB).await?;
         let size = blocking({
             let (path, bytes, limit) = (file.path.to_owned(), file.bytes, self.max_bytes);
-            move || Size::of(&path, bytes, limit).map_err(Error::failed)
+            move || Size::of(&path, bytes, limit, file.hint).map_err(Error::failed)
         })
         .await?;
         drop(room);
-        let unpacked = match size {
-            Size::Known(unpacked) => unpacked,
-            Size::UpTo(unpacked) => {
-                let _room = take(&self.children, unpacked, CHILDREN_KIB).await?;
-                let memory = CHILD_BASE_BYTES + unpacked * MEMORY_PER_BYTE;
-                let said = self.read_in_child(file, arguments, memory).await?;
-                return Ok(Reading::InChild(said));
-            }
+        let (most, per_byte) = match size {
+            Size::Known(unpacked) => (unpacked, None),
+            Size::UpTo(unpacked) => (unpacked, Some(MEMORY_PER_BYTE)),
+            Size::Slices(unpacked) => (unpacked, Some(MEMORY_PER_BYTE_OF_SLICES)),
         };
-        let _room = take(&self.parsing, unpacked * MEMORY_PER_BYTE, PARSED_KIB).await?;
+        if let Some(per_byte) = per_byte {
+            let _room = take(&self.children, most, CHILDREN_KIB).await?;
+            let memory = CHILD_BASE_BYTES + most * per_byte;
+            let said = self.read_in_child(file, arguments, memory).await?;
+            return Ok(Reading::InChild(said));
+        }
+        let _room = take(&self.parsing, most * MEMORY_PER_BYTE, PARSED_KIB).await?;
         let (path, hint) = (file.path.to_owned(), file.hint);
+        let assume_orientation = file.assume_orientation;
         let limits = limits(self.max_points, self.max_bytes);
         blocking(move || {
             let bytes = std::fs::read(&path).map_err(Error::failed)?;
-            let (cloud, source) = parse(&bytes, hint, &limits)?;
-            Ok(Reading::Here(here(&cloud, &source)?))
+            let parsed = parse(&bytes, hint, &limits, assume_orientation)?;
+            Ok(Reading::Here(here(&parsed)?))
         })
         .await
     }
@@ -207,6 +200,9 @@ impl Reader {
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .kill_on_drop(true);
+        if file.assume_orientation {
+            command.arg("--assume-orientation");
+        }
         if let Some(format) = file.hint {
             command.arg(format!("--hint={}", format.name()));
         }
@@ -227,12 +223,16 @@ impl Reader {
 }
 
 /// A file to be read.
-#[derive(Clone, Copy)]
-struct File<'a> {
-    path: &'a Path,
-    bytes: u64,
+#[derive(Debug, Clone, Copy)]
+pub struct File<'a> {
+    /// Where it is.
+    pub path: &'a Path,
+    /// Number of its bytes.
+    pub bytes: u64,
     /// Its format, where its content leaves that open.
-    hint: Option<Format>,
+    pub hint: Option<Format>,
+    /// Whether a label map without an orientation is taken as it lies.
+    pub assume_orientation: bool,
 }
 
 /// Who read a file, and what came of it.

@@ -7,6 +7,13 @@ use std::path::Path;
 use flate2::read::MultiGzDecoder;
 
 use super::{IN_PROCESS_BYTES, MAX_EXPANSION};
+use crate::reconstruction::cloud::Format;
+
+/// Most bytes that a gzipped byte can become.
+const MOST_OF_GZIP: u64 = 1032;
+
+/// Bytes that show which process is to read a file.
+const LOOKED_AT: u64 = 1 << 12;
 
 /// What the header of a PCD file has whose points are packed.
 const PACKED_PCD: &[u8] = b"binary_compressed";
@@ -18,17 +25,42 @@ pub(super) enum Size {
     Known(u64),
     /// At most this many.
     UpTo(u64),
+    /// At most this many, of a format that a child always reads.
+    Slices(u64),
 }
 
 impl Size {
     /// Looks at a file of `bytes` bytes, which may unpack to at most `limit`. Takes memory for
     /// [`IN_PROCESS_BYTES`].
-    pub(super) fn of(path: &Path, bytes: u64, limit: u64) -> io::Result<Self> {
+    pub(super) fn of(
+        path: &Path,
+        bytes: u64,
+        limit: u64,
+        hint: Option<Format>,
+    ) -> io::Result<Self> {
         let file = || File::open(path);
         let mut magic = Vec::new();
         file()?.take(2).read_to_end(&mut magic)?;
         let gzipped = magic == [0x1f, 0x8b];
         let expanded = |bytes: u64| Self::UpTo(limit.min(bytes.saturating_mul(MAX_EXPANSION)));
+        let mut head = Vec::new();
+        let looked_at = if gzipped {
+            let reader = MultiGzDecoder::new(BufReader::new(file()?));
+            reader.take(LOOKED_AT).read_to_end(&mut head)
+        } else {
+            file()?.take(LOOKED_AT).read_to_end(&mut head)
+        };
+        match Format::seen(&head).or(hint) {
+            Some(format) if format.has_slices() => {
+                // Whether it is packed, or what is in it.
+                let most = bytes.saturating_mul(MOST_OF_GZIP);
+                return Ok(Self::Slices(limit.min(most)));
+            }
+            Some(Format::Vtk | Format::Vtp) => return Ok(expanded(bytes)),
+            // Whoever reads the file reports damage.
+            _ if looked_at.is_err() => return Ok(expanded(bytes)),
+            _ => {}
+        }
         if bytes > IN_PROCESS_BYTES {
             return Ok(if gzipped {
                 expanded(bytes)
@@ -79,7 +111,7 @@ mod tests {
         let mut file = tempfile::NamedTempFile::new().unwrap();
         file.write_all(&content).unwrap();
         let bytes = content.len() as u64;
-        (bytes, Size::of(file.path(), bytes, 1 << 30).unwrap())
+        (bytes, Size::of(file.path(), bytes, 1 << 30, None).unwrap())
     }
 
     #[test]

@@ -4,7 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use super::MAX_EXPANSION;
 use crate::reconstruction::Warning;
-use crate::reconstruction::cloud::{self, Format, PointCloud};
+use crate::reconstruction::cloud::{self, Format, Found, PointCloud};
+use crate::reconstruction::medical::Contents;
+use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::Bounds;
 
 /// What the reading of a file found; kept with the cloud.
@@ -22,10 +24,24 @@ pub struct Summary {
     pub normals: bool,
     /// Number of points by label; those without one lie on the surface.
     pub labels: cloud::Counts,
+    /// Frame and unit of the coordinates, as far as the file says them.
+    #[serde(flatten)]
+    pub space: Space,
     /// Points that were left out because a coordinate is not finite.
     pub dropped_non_finite: u64,
     /// What the user should know.
     pub warnings: Vec<Notice>,
+    /// Labels, segments or regions of interest, and how they lie in the patient; points are made of
+    /// one of them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub segmentation: Option<Box<Contents>>,
+}
+
+impl Summary {
+    /// Number of points by label; none of a file of which a part is yet to become points.
+    pub fn point_labels(&self) -> Option<cloud::Counts> {
+        self.segmentation.is_none().then_some(self.labels)
+    }
 }
 
 /// A [`Warning`] as it is kept.
@@ -46,7 +62,20 @@ impl From<&Warning> for Notice {
     }
 }
 
-/// The points of a file, checked, and what its reading found.
+/// A file that was read and checked.
+#[derive(Debug)]
+pub struct Parsed {
+    /// Its points; none of a segmentation, of which a part is yet to become points.
+    pub cloud: PointCloud,
+    /// The smallest box around what is in it.
+    pub bounds: Option<Bounds>,
+    /// The parts of a segmentation.
+    pub segmentation: Option<Box<Contents>>,
+    /// What its reading found.
+    pub source: cloud::Source,
+}
+
+/// Reads and checks a file.
 ///
 /// # Errors
 /// Everything of [`cloud::Error`].
@@ -54,27 +83,54 @@ pub fn parse(
     bytes: &[u8],
     hint: Option<Format>,
     limits: &cloud::Limits,
-) -> Result<(PointCloud, cloud::Source), cloud::Error> {
+    assume_orientation: bool,
+) -> Result<Parsed, cloud::Error> {
     let name = hint.map(|format| format!("cloud.{}", format.name()));
-    let read = cloud::read(bytes, name.as_deref(), limits)?;
-    read.0.validate()?;
-    Ok(read)
+    let options = cloud::Options {
+        name: name.as_deref(),
+        limits,
+        assume_orientation,
+    };
+    let (found, source) = cloud::look(bytes, &options)?;
+    Ok(match found {
+        Found::Points(cloud) => {
+            cloud.validate()?;
+            Parsed {
+                bounds: cloud.bounds(),
+                cloud,
+                segmentation: None,
+                source,
+            }
+        }
+        Found::Slices(contents) => Parsed {
+            cloud: PointCloud {
+                space: contents.space,
+                ..PointCloud::default()
+            },
+            bounds: contents.bounds,
+            segmentation: Some(contents),
+            source,
+        },
+    })
 }
 
-/// What is kept of a cloud that was read.
+/// What is kept of a file that was read.
 ///
 /// # Errors
-/// [`cloud::Error::Empty`] for one without points.
-pub fn sum_up(cloud: &PointCloud, source: &cloud::Source) -> Result<Summary, cloud::Error> {
+/// [`cloud::Error::Empty`] for one with nothing in it.
+pub fn sum_up(parsed: &Parsed) -> Result<Summary, cloud::Error> {
+    let Parsed { cloud, source, .. } = parsed;
     Ok(Summary {
         format: source.format,
         gzipped: source.gzipped,
         points: cloud.points.len() as u64,
-        bounds: cloud.bounds().ok_or(cloud::Error::Empty)?,
+        bounds: parsed.bounds.ok_or(cloud::Error::Empty)?,
         normals: cloud.normals.is_some(),
         labels: cloud.counts(),
+        space: cloud.space,
         dropped_non_finite: source.dropped_non_finite as u64,
         warnings: source.warnings.iter().map(Notice::from).collect(),
+        segmentation: parsed.segmentation.clone(),
     })
 }
 

@@ -3,11 +3,12 @@
 //! The report is the one place where these are kept. Reports of earlier versions have no verdict,
 //! and what is missing in a report is null here.
 
-use serde::Serialize;
-use serde_json::Value;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
 use crate::intake::Notice;
 use crate::reconstruction::report::Verdict;
+use crate::reconstruction::space::{Frame, Unit};
 
 /// What a report says in short.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -20,6 +21,12 @@ pub struct Assessment {
     pub warnings: Option<Vec<Notice>>,
     /// What the mesh is.
     pub mesh: Option<MeshSummary>,
+    /// What was made of the slices of a segmentation.
+    pub slices: Option<Map<String, Value>>,
+    /// Which way the axes of its coordinates point in a patient.
+    pub frame: Option<Frame>,
+    /// Unit of its coordinates.
+    pub unit: Option<Unit>,
 }
 
 /// A mesh in a few numbers.
@@ -52,6 +59,9 @@ impl Assessment {
             verdict_reasons: notices(&report["verdict_reasons"]),
             warnings: notices(&report["warnings"]),
             mesh: MeshSummary::of(report),
+            slices: report["slices"].as_object().cloned(),
+            frame: Frame::deserialize(&report["frame"]).ok(),
+            unit: Unit::deserialize(&report["unit"]).ok(),
         }
     }
 }
@@ -101,11 +111,11 @@ mod tests {
     fn what_a_report_does_not_say_is_null() {
         let nothing = json!(Assessment::of(None));
         let members = nothing.as_object().unwrap();
-        assert!(members.len() == 4 && members.values().all(Value::is_null));
+        assert!(members.len() == 7 && members.values().all(Value::is_null));
         for report in [
             json!({}),
             json!(null),
-            json!({"verdict": "splendid", "verdict_reasons": {}, "warnings": 1, "mesh": []}),
+            json!({"verdict": "splendid", "verdict_reasons": {}, "warnings": 1, "mesh": [], "slices": 2}),
             json!({"verdict": null, "mesh": {"closed": true}}),
         ] {
             assert_eq!(json!(Assessment::of(Some(&report))), nothing, "{report}");

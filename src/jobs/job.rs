@@ -8,6 +8,7 @@ use serde_json::Value;
 
 use super::attempt::{FailureReason, Problem};
 use super::{CloudId, JobId};
+use crate::reconstruction::medical::Choice;
 use crate::reconstruction::report::Verdict;
 use crate::reconstruction::{Phase, Preset, Settings};
 
@@ -101,6 +102,8 @@ pub struct Job {
     pub settings: Settings,
     /// The client's own marks.
     pub labels: BTreeMap<String, String>,
+    /// Which part of the cloud's file it is about, where that has several.
+    pub source: Option<Choice>,
     /// The job of which this is a retry.
     pub derived_from: Option<JobId>,
     /// When it was submitted.
@@ -150,6 +153,8 @@ pub struct NewJob {
     pub settings: Settings,
     /// The client's own marks.
     pub labels: BTreeMap<String, String>,
+    /// Which part of the cloud's file it is about, where that has several.
+    pub source: Option<Choice>,
     /// The job of which this is a retry.
     pub derived_from: Option<JobId>,
 }

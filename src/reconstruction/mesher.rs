@@ -109,7 +109,8 @@ impl<'a> Mesher<'a> {
                 }
             }
         }
-        let mesh = self.simplified(mesh, &mut report, stopped)?;
+        let mut mesh = self.simplified(mesh, &mut report, stopped)?;
+        mesh.space = self.cloud.space;
         Ok((mesh, report))
     }
 

@@ -20,6 +20,7 @@
 mod blocks;
 mod cholesky;
 pub mod cloud;
+pub mod medical;
 pub mod mesh;
 mod model;
 pub mod network;
@@ -31,6 +32,7 @@ pub mod sampling;
 pub mod settings;
 pub mod shapes;
 pub mod slices;
+pub mod space;
 pub mod surface;
 pub mod training;
 pub mod vector;

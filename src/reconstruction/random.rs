@@ -26,6 +26,8 @@ pub enum Purpose {
     Blocks = 5,
     /// Choice of the points that no block is fitted to.
     HeldOut = 6,
+    /// Points and labelled places of slices.
+    Slices = 7,
 }
 
 /// The stream of `seed` for `purpose`: the same numbers on every platform.

@@ -32,6 +32,12 @@ pub fn along(a: Vec3, s: f64, b: Vec3) -> Vec3 {
     [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
 }
 
+/// `a` with each component multiplied by that of `b`; zeros have no sign then.
+#[inline]
+pub fn multiplied(a: Vec3, b: Vec3) -> Vec3 {
+    std::array::from_fn(|i| a[i] * b[i] + 0.0)
+}
+
 /// `a · b`.
 #[inline]
 pub fn dot(a: Vec3, b: Vec3) -> f64 {

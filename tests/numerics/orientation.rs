@@ -143,6 +143,7 @@ fn confidence(points: &[Vec3], normals: Option<Vec<Vec3>>) -> f64 {
         points: points.to_vec(),
         normals,
         labels: None,
+        ..PointCloud::default()
     };
     let prepared = prepare(&cloud, &Preset::Balanced.settings(), 0.0, &|| false).unwrap();
     prepared.orientation_confidence.unwrap()

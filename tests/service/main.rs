@@ -10,6 +10,7 @@ mod format_jobs;
 mod full_disk;
 mod http;
 mod kind_jobs;
+mod medical_jobs;
 mod server;
 mod soak;
 mod store;

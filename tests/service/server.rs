@@ -112,6 +112,7 @@ impl Folder {
             preset: Preset::Fast,
             settings: Settings::resolve(Preset::Fast, &all).unwrap(),
             labels: std::collections::BTreeMap::new(),
+            source: None,
             derived_from: None,
         };
         self.store.submit(new, None).await.unwrap().id

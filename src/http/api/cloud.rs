@@ -6,6 +6,8 @@ use super::Time;
 use crate::intake::Notice;
 use crate::jobs::{self, CloudId};
 use crate::reconstruction::cloud::{Counts, Format};
+use crate::reconstruction::medical::Contents;
+use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::Bounds;
 
 /// A cloud: its row, and what the upload found.
@@ -20,8 +22,11 @@ pub(in crate::http) struct Cloud<'a> {
     bounds: Bounds,
     normals: bool,
     labels: Counts,
+    #[serde(flatten)]
+    space: Space,
     dropped_non_finite: u64,
     warnings: &'a [Notice],
+    segmentation: Option<&'a Contents>,
     created_at: Time,
     links: Links,
 }
@@ -49,8 +54,10 @@ impl<'a> From<&'a jobs::Cloud> for Cloud<'a> {
             bounds: summary.bounds,
             normals: summary.normals,
             labels: summary.labels,
+            space: summary.space,
             dropped_non_finite: summary.dropped_non_finite,
             warnings: &summary.warnings,
+            segmentation: summary.segmentation.as_deref(),
             created_at: Time(cloud.created_at),
             links: Links {
                 content: format!("{own}/content"),

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::{Problem, Time};
 use crate::jobs::assessment::Assessment;
 use crate::jobs::{self, CloudId, JobId, Status};
+use crate::reconstruction::medical::Choice;
 use crate::reconstruction::plan::Cost;
 use crate::reconstruction::{Phase, Preset, Settings};
 
@@ -26,6 +27,7 @@ pub(in crate::http) struct Job<'a> {
     preset: Preset,
     settings: &'a Settings,
     labels: &'a BTreeMap<String, String>,
+    source: Option<&'a Choice>,
     derived_from: Option<&'a JobId>,
     evaluations: u64,
     loss: Option<f64>,
@@ -55,6 +57,8 @@ struct Links {
     report: String,
     model: String,
     field: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mask: Option<String>,
 }
 
 impl<'a> Job<'a> {
@@ -74,6 +78,7 @@ impl<'a> Job<'a> {
             preset: job.preset,
             settings: &job.settings,
             labels: &job.labels,
+            source: job.source.as_ref(),
             derived_from: job.derived_from.as_ref(),
             evaluations: job.evaluations,
             loss: job.loss,
@@ -105,9 +110,16 @@ impl Links {
             report: below("report"),
             model: below("model"),
             field: below("field"),
+            mask: has_grid(job).then(|| below("mask.nii.gz")),
             own,
         }
     }
+}
+
+/// Whether its cloud came from a label map, so that its mesh can be one.
+fn has_grid(job: &jobs::Job) -> bool {
+    let report = job.report.as_ref();
+    report.is_some_and(|report| report["grid"].is_object())
 }
 
 /// What a job would be and cost.

@@ -30,6 +30,8 @@ pub(in crate::http) struct Upload {
     pub(in crate::http) spooled: Spooled,
     /// Format suggested by media type or file name, for contents that do not show theirs.
     pub(in crate::http) hint: Option<Format>,
+    /// Whether a label map without an orientation is taken as it lies.
+    pub(in crate::http) assume_orientation: bool,
     /// Whether it came as the fields of a page's form, which curl says of what it sends with `-d`.
     as_fields: bool,
 }
@@ -70,7 +72,7 @@ pub(in crate::http) async fn receive(app: &AppState, request: Request) -> Result
         "application/json" => json(app, request, JSON_LIMIT).await.map(Payload::Json),
         "multipart/form-data" => form(app, request).await,
         essence => {
-            let hint = format_of_media_type(essence);
+            let hint = Format::from_media_type(essence);
             let (parts, body) = request.into_parts();
             let spooled = raw(app, &parts.headers, body).await?;
             if spooled.bytes == 0 {
@@ -83,6 +85,7 @@ pub(in crate::http) async fn receive(app: &AppState, request: Request) -> Result
                 spooled,
                 hint,
                 as_fields,
+                assume_orientation: false,
             };
             Ok(Payload::File(upload, None))
         }
@@ -171,7 +174,7 @@ async fn form(app: &AppState, request: Request) -> Result<Payload> {
 async fn file_part(app: &AppState, pace: &mut Pace, mut part: Field<'_>) -> Result<Upload> {
     let hint = part
         .content_type()
-        .and_then(format_of_media_type)
+        .and_then(Format::from_media_type)
         .or_else(|| Format::from_extension(part.file_name()?));
     let mut receiver = Receiver::new(app, Encoding::Identity, 0)?;
     while let Some(chunk) = next_of(pace, &mut part).await? {
@@ -182,6 +185,7 @@ async fn file_part(app: &AppState, pace: &mut Pace, mut part: Field<'_>) -> Resu
         spooled,
         hint,
         as_fields: false,
+        assume_orientation: false,
     })
 }
 
@@ -300,18 +304,4 @@ pub(in crate::http) async fn blocking<T: Send + 'static>(
     tokio::task::spawn_blocking(work)
         .await
         .map_err(ApiError::internal)
-}
-
-/// The format that a media type stands for, if any.
-fn format_of_media_type(essence: &str) -> Option<Format> {
-    Some(match essence.trim().to_ascii_lowercase().as_str() {
-        "application/x-ply" | "application/ply" | "model/ply" => Format::Ply,
-        "model/obj" | "application/x-obj" => Format::Obj,
-        "model/stl" | "application/sla" | "application/vnd.ms-pki.stl" => Format::Stl,
-        "application/x-off" | "model/off" => Format::Off,
-        "text/csv" | "text/tab-separated-values" | "application/csv" => Format::Xyz,
-        "application/x-pcd" | "model/pcd" => Format::Pcd,
-        "application/x-npy" => Format::Npy,
-        _ => return None,
-    })
 }

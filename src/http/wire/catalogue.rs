@@ -62,12 +62,16 @@ catalogue! {
     CloudTooFewPoints "cloud_too_few_points" 422 false "The cloud has too few points.";
     CloudDegenerate "cloud_degenerate" 422 false "The points span no volume.";
     CloudFilled "cloud_filled" 422 false "The points fill a solid volume; those of its surface are needed.";
+    SlicesUnusable "slices_unusable" 422 false "No surface can be made from the slices.";
     CloudNotFinite "cloud_not_finite" 422 false "No point has finite coordinates.";
     CloudTooLarge "cloud_too_large" 422 false "Coordinates are too large.";
     CloudTruncated "cloud_truncated" 422 false "The file ends before what it declares.";
     CloudHeader "cloud_header" 422 false "The header of the file cannot be understood.";
     CloudRow "cloud_row" 422 false "A row of the file cannot be understood.";
     CloudNoCoordinates "cloud_no_coordinates" 422 false "The file has no coordinates.";
+    OrientationMissing "orientation_missing" 422 false "The file does not say how it lies in the patient.";
+    SourceMissing "source_missing" 422 false "The file holds several parts, and none is chosen.";
+    SourceUnknown "source_unknown" 422 false "The part that is chosen is not in the file.";
     NormalsInvalid "normals_invalid" 422 false "The normals cannot be used.";
     SettingsInvalid "settings_invalid" 422 false "Settings are unknown, mistyped or out of bounds.";
     SettingsConflict "settings_conflict" 422 false "Settings contradict each other or the cloud.";

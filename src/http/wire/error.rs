@@ -263,6 +263,7 @@ mod tests {
 
     #[test]
     fn every_code_of_the_readers_is_known() {
+        let text = String::new;
         let errors = [
             cloud::Error::Empty,
             cloud::Error::TooFewPoints {
@@ -271,6 +272,7 @@ mod tests {
             },
             cloud::Error::TooManyPoints { limit: 1 },
             cloud::Error::Degenerate("x"),
+            cloud::Error::Slices(text()),
             cloud::Error::NotFinite {
                 dropped: 1,
                 total: 2,
@@ -280,31 +282,27 @@ mod tests {
                 limit: 0.5,
             },
             cloud::Error::Truncated {
-                what: String::new(),
+                what: text(),
                 declared: 2,
                 found: 1,
             },
-            cloud::Error::Header {
-                line: 1,
-                detail: String::new(),
-            },
-            cloud::Error::Row {
-                line: 1,
-                detail: String::new(),
-            },
-            cloud::Error::NoCoordinates(String::new()),
-            cloud::Error::NormalsInvalid(String::new()),
-            cloud::Error::UnsupportedFormat(String::new()),
-            cloud::Error::Compression(String::new()),
+            cloud::Error::NoCoordinates(text()),
+            cloud::Error::NormalsInvalid(text()),
+            cloud::Error::UnsupportedFormat(text()),
+            cloud::Error::OrientationMissing(text()),
+            cloud::Error::SourceMissing(text()),
+            cloud::Error::SourceUnknown(text()),
+            cloud::Error::Compression(text()),
             cloud::Error::ExpandsTooFar { limit: 1 },
         ];
-        for error in errors {
-            assert_ne!(
-                Code::from_name(error.code()),
-                Code::Internal,
-                "{}",
-                error.code()
-            );
+        let (line, detail) = (1, text());
+        let header = cloud::Error::Header { line, detail };
+        let row = cloud::Error::Row {
+            line,
+            detail: text(),
+        };
+        for error in errors.into_iter().chain([header, row]) {
+            assert_ne!(Code::from_name(error.code()), Code::Internal, "{error:?}");
         }
     }
 

@@ -101,6 +101,7 @@ impl<'a> Attempt<'a> {
             file: self.worker.data_dir.join(CLOUDS).join(&cloud.sha256),
             cloud,
             settings: job.settings.clone(),
+            source: job.source.clone(),
         };
         let (sender, messages) = mpsc::channel(CHANNEL);
         let (reply, outcome) = oneshot::channel();

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use serde_json::Value;
 
 use crate::jobs::{Cloud, FailureReason, Fault, NewMesh, Problem};
+use crate::reconstruction::medical::Choice;
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::mesh::write::{Format, write};
 use crate::reconstruction::{Error, Event, Input, Observer, Settings, cloud, reconstruct};
@@ -23,6 +24,8 @@ pub struct Assignment {
     pub file: PathBuf,
     /// Complete settings.
     pub settings: Settings,
+    /// Which part of the file is meant, where it has several.
+    pub source: Option<Choice>,
 }
 
 /// What a job gives.
@@ -101,7 +104,14 @@ pub fn reconstruction(
         max_expanded_bytes: usize::MAX,
         max_expansion: f64::INFINITY,
     };
-    let (points, source) = cloud::read(&bytes, Some(&name), &limits).map_err(Error::from)?;
+    let options = cloud::Options {
+        name: Some(&name),
+        limits: &limits,
+        // Whoever uploaded the file had to allow it.
+        assume_orientation: true,
+    };
+    let (points, source) =
+        cloud::read_part(&bytes, &options, assignment.source.as_ref()).map_err(Error::from)?;
     drop(bytes);
     for warning in &source.warnings {
         observer.event(Event::Warning(warning));
@@ -113,7 +123,8 @@ pub fn reconstruction(
         bytes: assignment.cloud.bytes,
         points: points.points.len(),
     };
-    result.report.read_from(vec![input], source.warnings);
+    let mesh = &result.mesh;
+    result.report.read_from(vec![input], source, mesh);
     Ok(Product {
         mesh: result.mesh,
         report: serde_json::to_value(&result.report).map_err(Failure::internal)?,

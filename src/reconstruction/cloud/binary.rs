@@ -148,7 +148,12 @@ pub(super) fn collect(
 }
 
 /// Checks that `count` records of `size` bytes lie in what is left of a file.
-pub(super) fn enough(what: &str, count: usize, size: usize, left: usize) -> Result<(), Error> {
+pub(in crate::reconstruction) fn enough(
+    what: &str,
+    count: usize,
+    size: usize,
+    left: usize,
+) -> Result<(), Error> {
     if count.checked_mul(size).is_some_and(|needed| needed <= left) {
         return Ok(());
     }

@@ -4,6 +4,7 @@
 use super::roles::UNIT_TOLERANCE;
 use super::{Error, Label, Limits, PointCloud, labels, precision};
 use crate::reconstruction::Warning;
+use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::{Vec3, norm, normalized};
 
 /// One row of a file: x, y, z, the normal's components, the label. Unused slots are zero.
@@ -53,6 +54,7 @@ impl<'a> Collector<'a> {
             points: Vec::new(),
             normals: normals.then(Vec::new),
             labels: labels.then(Vec::new),
+            space: Space::default(),
         };
         Self {
             limits,
@@ -107,6 +109,11 @@ impl<'a> Collector<'a> {
         }
         self.cloud.points.push([x, y, z]);
         Ok(())
+    }
+
+    /// Notes what the coordinates mean.
+    pub(super) fn space(&mut self, space: Space) {
+        self.cloud.space = space;
     }
 
     /// Notes something that the user should know.

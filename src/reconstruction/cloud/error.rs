@@ -35,6 +35,9 @@ pub enum Error {
          segmentation, whose centres lie on a regular lattice along the axes"
     )]
     Filled,
+    /// Slices from which no surface can be made.
+    #[error("no surface can be made from these slices: {0}")]
+    Slices(String),
     /// Coordinates are NaN or infinite: in a file all of them, in memory any.
     #[error("{dropped} of {total} points have coordinates that are not finite; give finite ones")]
     NotFinite {
@@ -88,6 +91,17 @@ pub enum Error {
     /// Not one of the formats.
     #[error("{0}")]
     UnsupportedFormat(String),
+    /// A label map does not say how it lies in the patient.
+    #[error(
+        "{0}; left and right could be swapped: give the file its orientation, or read it with assume_orientation"
+    )]
+    OrientationMissing(String),
+    /// The file has several parts, and none is chosen.
+    #[error("{0}")]
+    SourceMissing(String),
+    /// The part that is chosen is not there.
+    #[error("{0}")]
+    SourceUnknown(String),
     /// The compressed stream is damaged.
     #[error("gzip: {0}")]
     Compression(String),
@@ -108,6 +122,7 @@ impl Error {
             Self::TooManyPoints { .. } => "too_many_points",
             Self::Degenerate(_) => "cloud_degenerate",
             Self::Filled => "cloud_filled",
+            Self::Slices(_) => "slices_unusable",
             Self::NotFinite { .. } => "cloud_not_finite",
             Self::TooLarge { .. } => "cloud_too_large",
             Self::Truncated { .. } => "cloud_truncated",
@@ -116,6 +131,9 @@ impl Error {
             Self::NoCoordinates(_) => "cloud_no_coordinates",
             Self::NormalsInvalid(_) => "normals_invalid",
             Self::UnsupportedFormat(_) => "unsupported_format",
+            Self::OrientationMissing(_) => "orientation_missing",
+            Self::SourceMissing(_) => "source_missing",
+            Self::SourceUnknown(_) => "source_unknown",
             Self::Compression(_) => "unsupported_encoding",
             Self::ExpandsTooFar { .. } => "body_too_large",
         }

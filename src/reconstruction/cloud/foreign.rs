@@ -38,17 +38,6 @@ const FOREIGN: &[Foreign] = &[
         b"ISO-10303-21",
         "mesh it and export it as STL, for instance with FreeCAD",
     ),
-    foreign(
-        "a legacy VTK file",
-        b"# vtk DataFile",
-        "save it as PLY, for instance with ParaView",
-    ),
-    foreign("an NRRD image", b"NRRD", IMAGES),
-    Foreign {
-        name: "a DICOM image",
-        mark: (128, b"DICM"),
-        advice: IMAGES,
-    },
     Foreign {
         name: "a TAR archive",
         mark: (257, b"ustar"),
@@ -91,7 +80,7 @@ const FOREIGN: &[Foreign] = &[
 /// Words that begin a text, in small letters.
 const TEXTS: &[Foreign] = &[
     foreign(
-        "VTK XML data (VTP, VTU)",
+        "VTK XML data other than polygons",
         b"<vtkfile",
         "save it as PLY, for instance with ParaView",
     ),
@@ -113,8 +102,6 @@ const TEXTS: &[Foreign] = &[
         "save it as XYZ text, for instance with gdal_translate",
     ),
     foreign("a VRML file", b"#vrml", MESHES),
-    foreign("an image header (MetaImage)", b"objecttype = image", IMAGES),
-    foreign("an image header (MetaImage)", b"ndims", IMAGES),
     foreign("an Abaqus deck", b"*node", DECKS),
     foreign("an Abaqus deck", b"*heading", DECKS),
     foreign("an Abaqus deck", b"*part", DECKS),
@@ -157,7 +144,9 @@ pub(super) fn unknown(bytes: &[u8]) -> String {
         "it holds raw binary numbers or another format without a known mark; save the points as PLY or \
          XYZ text"
     };
-    format!("the file is none of PLY, XYZ/CSV text, OBJ, OFF, STL, PCD, NPY: {detail}")
+    format!(
+        "the file is none of PLY, XYZ/CSV text, OBJ, OFF, STL, PCD, NPY, VTK, NIfTI, NRRD, MHA, DICOM: {detail}"
+    )
 }
 
 fn by_structure(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
@@ -184,23 +173,6 @@ fn by_structure(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
             () if holds(b"3D/3dmodel") => ("a 3MF file (a ZIP archive)", MESHES),
             () => ("a ZIP archive", PACKED),
         });
-    }
-    let size = bytes.first_chunk().map(|size| u32::from_le_bytes(*size));
-    let sizes = [348, 540];
-    let swapped = size.map(u32::swap_bytes);
-    if [size, swapped]
-        .into_iter()
-        .flatten()
-        .any(|size| sizes.contains(&size))
-    {
-        let magic = bytes.get(344..348).unwrap_or_default();
-        let second = bytes.get(4..7).unwrap_or_default();
-        if [magic, second]
-            .iter()
-            .any(|mark| mark.starts_with(b"n+") || mark.starts_with(b"ni"))
-        {
-            return Some(("a NIfTI image", IMAGES));
-        }
     }
     by_json(bytes)
 }

@@ -2,8 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::collector::Collector;
 use super::text::Lines;
-use super::{Error, foreign};
+use super::{Error, Limits, foreign, npy, obj, off, pcd, ply, stl, vtk, xyz};
+use crate::reconstruction::medical::{self, Reading, Segmentation};
 
 /// A format that clouds are read from; each may be gzipped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -23,7 +25,161 @@ pub enum Format {
     Pcd,
     /// An array of NumPy.
     Npy,
+    /// A label map in one file of NIfTI-1 or -2.
+    Nifti,
+    /// A label map in NRRD, or a segmentation of 3D Slicer in it.
+    Nrrd,
+    /// A label map in `MetaImage` with its data in the same file.
+    Mha,
+    /// A segmentation or a structure set of DICOM.
+    Dicom,
+    /// Polygon data in a legacy file of VTK; its points.
+    Vtk,
+    /// Polygon data of VTK in XML; its points.
+    Vtp,
 }
+
+/// What a file of a format becomes.
+#[derive(Clone, Copy)]
+pub(super) enum Reader {
+    /// Points.
+    Points(for<'l> fn(&[u8], &'l Limits) -> Result<Collector<'l>, Error>),
+    /// A stack of slices, one part of which becomes points.
+    Slices(for<'a> fn(&'a [u8], &Reading) -> Result<Segmentation<'a>, Error>),
+}
+
+/// All that is particular to a format.
+struct Row {
+    format: Format,
+    name: &'static str,
+    /// Endings of file names, `.gz` aside; the first is written.
+    endings: &'static [&'static str],
+    media_types: &'static [&'static str],
+    /// Whether the content shows it; asked in the order of the table.
+    recognise: fn(&[u8]) -> bool,
+    read: Reader,
+}
+
+const FORMATS: &[Row] = &[
+    Row {
+        format: Format::Npy,
+        name: "npy",
+        endings: &["npy"],
+        media_types: &["application/x-npy"],
+        recognise: |bytes| bytes.starts_with(b"\x93NUMPY"),
+        read: Reader::Points(npy::read),
+    },
+    Row {
+        format: Format::Nrrd,
+        name: "nrrd",
+        endings: &["nrrd"],
+        media_types: &["application/x-nrrd", "image/x-nrrd"],
+        recognise: medical::is_nrrd,
+        read: Reader::Slices(medical::nrrd),
+    },
+    Row {
+        format: Format::Nifti,
+        name: "nifti",
+        endings: &["nii", "nifti"],
+        media_types: &["application/x-nifti", "application/nifti", "image/x-nifti"],
+        recognise: medical::is_nifti,
+        read: Reader::Slices(medical::nifti),
+    },
+    Row {
+        format: Format::Dicom,
+        name: "dicom",
+        endings: &["dcm", "dicom", "dic"],
+        media_types: &["application/dicom"],
+        recognise: medical::is_dicom,
+        read: Reader::Slices(medical::dicom),
+    },
+    Row {
+        format: Format::Mha,
+        name: "mha",
+        endings: &["mha", "mhd"],
+        media_types: &["application/x-metaimage"],
+        recognise: medical::is_metaimage,
+        read: Reader::Slices(medical::metaimage),
+    },
+    Row {
+        format: Format::Vtk,
+        name: "vtk",
+        endings: &["vtk"],
+        media_types: &["application/x-vtk"],
+        recognise: vtk::is_legacy,
+        read: Reader::Points(vtk::read_legacy),
+    },
+    Row {
+        format: Format::Vtp,
+        name: "vtp",
+        endings: &["vtp"],
+        media_types: &["application/x-vtp"],
+        recognise: vtk::is_xml,
+        read: Reader::Points(vtk::read_xml),
+    },
+    Row {
+        format: Format::Ply,
+        name: "ply",
+        endings: &["ply"],
+        media_types: &["application/x-ply", "application/ply", "model/ply"],
+        recognise: |bytes| {
+            bytes.starts_with(b"ply") && bytes.get(3).is_some_and(u8::is_ascii_whitespace)
+        },
+        read: Reader::Points(ply::read),
+    },
+    Row {
+        format: Format::Stl,
+        name: "stl",
+        endings: &["stl"],
+        media_types: &["model/stl", "application/sla", "application/vnd.ms-pki.stl"],
+        recognise: |bytes| stl::has_binary_length(bytes) || is_text_of_stl(bytes),
+        read: Reader::Points(stl::read),
+    },
+    Row {
+        format: Format::Pcd,
+        name: "pcd",
+        endings: &["pcd"],
+        media_types: &["application/x-pcd", "model/pcd"],
+        recognise: |bytes| {
+            const WORDS: [&[u8]; 4] = [b"VERSION", b"FIELDS", b"version", b"fields"];
+            bytes.starts_with(b"# .PCD") || begins_with_word(bytes, |word| WORDS.contains(&word))
+        },
+        read: Reader::Points(pcd::read),
+    },
+    Row {
+        format: Format::Obj,
+        name: "obj",
+        endings: &["obj"],
+        media_types: &["model/obj", "application/x-obj"],
+        recognise: |bytes| {
+            const WORDS: [&[u8]; 9] = [
+                b"v", b"vn", b"vt", b"vp", b"o", b"g", b"s", b"mtllib", b"usemtl",
+            ];
+            begins_with_word(bytes, |word| WORDS.contains(&word))
+        },
+        read: Reader::Points(obj::read),
+    },
+    Row {
+        format: Format::Off,
+        name: "off",
+        endings: &["off"],
+        media_types: &["application/x-off", "model/off"],
+        recognise: |bytes| begins_with_word(bytes, |word| off::keyword(word).is_some()),
+        read: Reader::Points(off::read),
+    },
+    Row {
+        format: Format::Xyz,
+        name: "xyz",
+        endings: &[
+            "xyz", "xyzn", "xyzrgb", "xyzi", "txt", "csv", "tsv", "asc", "pts", "ptx", "fcsv",
+            "dat", "neu",
+        ],
+        media_types: &["text/csv", "text/tab-separated-values", "application/csv"],
+        // Numbers are no mark: a table is what nothing else claims.
+        recognise: |_| false,
+        read: Reader::Points(xyz::read),
+    },
+];
 
 /// Looked at to tell formats apart; their marks stand at the very beginning.
 const HEAD: usize = 4096;
@@ -32,34 +188,48 @@ const HEAD: usize = 4096;
 const TABLE_HEAD: usize = 1 << 16;
 
 impl Format {
+    fn row(self) -> &'static Row {
+        let row = FORMATS.iter().find(|row| row.format == self);
+        // A test holds that each format has its row.
+        row.unwrap_or(&FORMATS[0])
+    }
+
     /// The format that a file name's ending stands for, `.gz` aside.
     pub fn from_extension(name: &str) -> Option<Self> {
         let name = name.to_ascii_lowercase();
         let name = name.strip_suffix(".gz").unwrap_or(&name);
-        Some(match name.rsplit_once('.')?.1 {
-            "ply" => Self::Ply,
-            "xyz" | "xyzn" | "xyzrgb" | "xyzi" | "txt" | "csv" | "tsv" | "asc" | "pts" | "ptx"
-            | "fcsv" | "dat" | "neu" => Self::Xyz,
-            "obj" => Self::Obj,
-            "off" => Self::Off,
-            "stl" => Self::Stl,
-            "pcd" => Self::Pcd,
-            "npy" => Self::Npy,
-            _ => return None,
-        })
+        let ending = name.rsplit_once('.')?.1;
+        let row = FORMATS.iter().find(|row| row.endings.contains(&ending));
+        row.map(|row| row.format)
+    }
+
+    /// The format that a media type names, as far as it names one.
+    pub fn from_media_type(essence: &str) -> Option<Self> {
+        let essence = essence.trim().to_ascii_lowercase();
+        let row = FORMATS
+            .iter()
+            .find(|row| row.media_types.contains(&essence.as_str()));
+        row.map(|row| row.format)
     }
 
     /// Stable `snake_case` name.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Ply => "ply",
-            Self::Xyz => "xyz",
-            Self::Obj => "obj",
-            Self::Off => "off",
-            Self::Stl => "stl",
-            Self::Pcd => "pcd",
-            Self::Npy => "npy",
-        }
+        self.row().name
+    }
+
+    /// The ending of a file's name.
+    pub fn extension(self) -> &'static str {
+        self.row().endings[0]
+    }
+
+    /// How a file of the format is read.
+    pub(super) fn reader(self) -> Reader {
+        self.row().read
+    }
+
+    /// Whether a file of the format holds slices of something, of which a part is to be chosen.
+    pub fn has_slices(self) -> bool {
+        matches!(self.reader(), Reader::Slices(_))
     }
 
     /// The format of a file: by its content; where that leaves it open by the name's ending; and
@@ -73,7 +243,7 @@ impl Format {
             let detail = "the file is UTF-16 text; save it as UTF-8 or ASCII";
             return Err(Error::UnsupportedFormat(detail.to_owned()));
         }
-        if let Some(format) = Self::from_content(bytes) {
+        if let Some(format) = Self::seen(bytes) {
             return Ok(format);
         }
         if let Some(detail) = foreign::refusal(bytes) {
@@ -84,7 +254,7 @@ impl Format {
             Some(format @ (Self::Xyz | Self::Off)) if foreign::is_text(bytes) => Ok(format),
             named => {
                 let head = &bytes[..bytes.len().min(TABLE_HEAD)];
-                let table = super::xyz::is_table(head).then_some(Self::Xyz);
+                let table = xyz::is_table(head).then_some(Self::Xyz);
                 // What is no text can only be a format with a mark.
                 let named = named.filter(|named| !matches!(named, Self::Xyz | Self::Off));
                 let unknown = || Error::UnsupportedFormat(foreign::unknown(bytes));
@@ -93,31 +263,25 @@ impl Format {
         }
     }
 
-    fn from_content(bytes: &[u8]) -> Option<Self> {
-        let head = &bytes[..bytes.len().min(HEAD)];
-        if head.starts_with(b"\x93NUMPY") {
-            return Some(Self::Npy);
-        }
-        if head.starts_with(b"ply") && head.get(3).is_some_and(u8::is_ascii_whitespace) {
-            return Some(Self::Ply);
-        }
-        if head.starts_with(b"# .PCD") {
-            return Some(Self::Pcd);
-        }
-        if super::stl::has_binary_length(bytes) {
-            return Some(Self::Stl);
-        }
-        let line = Lines::new(head, 0).content().next()?;
-        match line.tokens().next()? {
-            _ if super::stl::starts_as_text(line.bytes) && has_facet(head) => Some(Self::Stl),
-            b"VERSION" | b"FIELDS" | b"version" | b"fields" => Some(Self::Pcd),
-            b"v" | b"vn" | b"vt" | b"vp" | b"o" | b"g" | b"s" | b"mtllib" | b"usemtl" => {
-                Some(Self::Obj)
-            }
-            word if super::off::keyword(word).is_some() => Some(Self::Off),
-            _ => None,
-        }
+    /// The format that the beginning of an unpacked file shows.
+    pub fn seen(bytes: &[u8]) -> Option<Self> {
+        let row = FORMATS.iter().find(|row| (row.recognise)(bytes));
+        row.map(|row| row.format)
     }
+}
+
+/// Whether the first word of a text is one that is looked for.
+fn begins_with_word(bytes: &[u8], is: impl Fn(&[u8]) -> bool) -> bool {
+    let head = &bytes[..bytes.len().min(HEAD)];
+    let line = Lines::new(head, 0).content().next();
+    line.and_then(|line| line.tokens().next()).is_some_and(is)
+}
+
+/// Whether a text begins as an STL and goes on as one.
+fn is_text_of_stl(bytes: &[u8]) -> bool {
+    let head = &bytes[..bytes.len().min(HEAD)];
+    let line = Lines::new(head, 0).content().next();
+    line.is_some_and(|line| stl::starts_as_text(line.bytes)) && has_facet(head)
 }
 
 /// Whether an STL in text goes on as one.
@@ -129,6 +293,25 @@ fn has_facet(head: &[u8]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_format_has_one_row() {
+        for (i, row) in FORMATS.iter().enumerate() {
+            assert_eq!(row.format.name(), row.name);
+            let named = Format::from_extension(&format!("cloud.{}", row.name));
+            assert_eq!(named, Some(row.format), "its name is an ending");
+            let others = || FORMATS.iter().skip(i + 1);
+            assert!(others().all(|other| other.format != row.format));
+            for ending in row.endings {
+                assert!(
+                    others().all(|other| !other.endings.contains(ending)),
+                    "{ending}"
+                );
+            }
+        }
+        let json = |format| serde_json::to_value(format).unwrap();
+        assert!(FORMATS.iter().all(|row| json(row.format) == row.name));
+    }
 
     #[test]
     fn endings_name_formats() {

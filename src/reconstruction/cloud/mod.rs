@@ -4,7 +4,7 @@
 //! readers into a `collector`, which holds the limits. Readers see bytes, not files. What meshes have
 //! in common with clouds (headers, vertices, numbers) is read by the same code.
 
-mod binary;
+pub(super) mod binary;
 mod cells;
 mod collector;
 pub(super) mod columns;
@@ -15,7 +15,7 @@ mod labels;
 mod layout;
 mod names;
 mod npy;
-mod obj;
+pub(super) mod obj;
 pub(super) mod off;
 mod pcd;
 pub(super) mod ply;
@@ -27,17 +27,19 @@ mod shape;
 pub(super) mod stl;
 pub(super) mod text;
 mod validate;
+mod vtk;
 mod write;
 mod xyz;
 
 use serde::{Deserialize, Serialize};
 
-use super::vector::{Bounds, Vec3};
+use super::space::{Frame, Space};
+use super::vector::{Bounds, Vec3, multiplied};
 
 pub use error::Error;
 pub use format::Format;
 pub use ply::MAX_HEADER_BYTES;
-pub use read::{Limits, Source, read};
+pub use read::{Found, Limits, Opened, Options, Source, look, open, read, read_part};
 pub(super) use read::{content, unpack};
 pub use validate::MIN_POINTS;
 pub(super) use validate::{MAX_COORDINATE, enough_points};
@@ -93,6 +95,8 @@ pub struct PointCloud {
     pub normals: Option<Vec<Vec3>>,
     /// One label a point; without them every point is a surface point.
     pub labels: Option<Vec<Label>>,
+    /// What the coordinates mean, as far as the file says it.
+    pub space: Space,
 }
 
 impl PointCloud {
@@ -131,7 +135,25 @@ impl PointCloud {
         self
     }
 
-    /// Adds the points of `other` behind the own ones.
+    /// The cloud in another frame; as it is where one of the two frames is unknown.
+    #[must_use]
+    pub fn in_frame(mut self, frame: Frame) -> Self {
+        if frame != self.space.frame
+            && let Some(factors) = self.space.frame.turn(frame)
+        {
+            for vector in self
+                .points
+                .iter_mut()
+                .chain(self.normals.iter_mut().flatten())
+            {
+                *vector = multiplied(*vector, factors);
+            }
+            self.space.frame = frame;
+        }
+        self
+    }
+
+    /// Adds the points of `other` behind the own ones, turned into the own frame.
     ///
     /// Where only one cloud has normals, the points of the other get zeros, which stand for none;
     /// where only one has labels, the points of the other are surface points.
@@ -143,6 +165,7 @@ impl PointCloud {
         if other.points.is_empty() {
             return;
         }
+        let other = other.in_frame(self.space.frame);
         if self.normals.is_some() || other.normals.is_some() {
             let none = |count| vec![[0.0; 3]; count];
             let all = self.normals.get_or_insert_with(|| none(self.points.len()));

@@ -3,6 +3,7 @@
 use super::collector::Collector;
 use super::text::{Lines, parse};
 use super::{Error, Limits};
+use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::Vec3;
 
 pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>, Error> {
@@ -33,12 +34,20 @@ pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>
         collector.warn("normals_ignored", message);
         normals.clear();
     }
+    collector.space(space(bytes));
     collector.reserve(points.len())?;
     for (i, ([x, y, z], line)) in points.into_iter().enumerate() {
         let [nx, ny, nz] = normals.get(i).copied().unwrap_or_default();
         collector.push(&[x, y, z, nx, ny, nz, 0.0], line)?;
     }
     Ok(collector)
+}
+
+/// What the comments before the first line of content say of the coordinates.
+pub(in crate::reconstruction) fn space(bytes: &[u8]) -> Space {
+    let lines = Lines::new(bytes, 0).map(|line| line.bytes.trim_ascii());
+    let head = lines.take_while(|line| line.is_empty() || line.starts_with(b"#"));
+    Space::from_tags(&head.collect::<Vec<_>>().join(&b' '))
 }
 
 /// Whether a corner of a face (`v`, `v/vt`, `v//vn`, `v/vt/vn`) has equal indices for vertex and

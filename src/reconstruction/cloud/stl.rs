@@ -9,6 +9,7 @@ use super::binary::{ByteOrder, Scalar, enough};
 use super::collector::Collector;
 use super::text::Lines;
 use super::{Error, Limits};
+use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::{Vec3, bits};
 
 /// A free text of 80 bytes, then the number of facets.
@@ -25,6 +26,7 @@ pub(super) fn has_binary_length(bytes: &[u8]) -> bool {
 
 pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>, Error> {
     let mut collector = Collector::new(limits, false, false);
+    collector.space(space(bytes));
     let mut seen = HashSet::new();
     corners(bytes, |corner, line| {
         if seen.insert(bits(corner)) {
@@ -42,14 +44,30 @@ pub(super) fn starts_as_text(bytes: &[u8]) -> bool {
     start.is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
 }
 
+/// What the title says of the coordinates: 80 bytes of the binary form, the first line of the text.
+pub(in crate::reconstruction) fn space(bytes: &[u8]) -> Space {
+    let title = if is_text(bytes) {
+        Lines::new(bytes, 0)
+            .next()
+            .map_or(&[][..], |line| line.bytes)
+    } else {
+        &bytes[..bytes.len().min(HEADER - 4)]
+    };
+    Space::from_tags(title)
+}
+
+fn is_text(bytes: &[u8]) -> bool {
+    let is_text = starts_as_text(bytes) && !bytes[..bytes.len().min(512)].contains(&0);
+    // Some binary files begin with "solid" as well.
+    is_text && !has_binary_length(bytes)
+}
+
 /// Gives `take` the corners of all facets, three for each, with the line or the number of the facet.
 pub(in crate::reconstruction) fn corners(
     bytes: &[u8],
     take: impl FnMut(Vec3, usize) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    let is_text = starts_as_text(bytes) && !bytes[..bytes.len().min(512)].contains(&0);
-    // Some binary files begin with "solid" as well.
-    if is_text && !has_binary_length(bytes) {
+    if is_text(bytes) {
         ascii(bytes, take)
     } else {
         binary(bytes, take)

@@ -106,6 +106,7 @@ impl TriangleMesh {
             normals: those(&self.normals, &origins),
             triangles,
             distance_to_points: those(&self.distance_to_points, &origins),
+            space: self.space,
         };
         (part, origins)
     }

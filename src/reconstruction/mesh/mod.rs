@@ -10,7 +10,8 @@ mod topology;
 mod trim;
 pub mod write;
 
-use super::vector::Vec3;
+use super::space::{Frame, Space};
+use super::vector::{Vec3, multiplied};
 
 pub use distance::{
     Closest, Distances, INDEXED_TRIANGLES, PointTree, SurfacePoint, SurfaceTree, closest_to_each,
@@ -20,8 +21,8 @@ pub use simplify::{Limits, Simplified, simplify};
 pub use topology::{Topology, components};
 pub use trim::trim;
 
-/// Name in PLY files of [`TriangleMesh::distance_to_points`].
-const PLY_DISTANCE: &str = "distance_to_points";
+/// Name in PLY and VTP files of [`TriangleMesh::distance_to_points`].
+const DISTANCE: &str = "distance_to_points";
 
 /// A triangle mesh with shared vertices.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -34,6 +35,24 @@ pub struct TriangleMesh {
     pub triangles: Vec<[u32; 3]>,
     /// Distance from each vertex to the nearest surface point of the cloud that the mesh was made of, in units
     /// of the input: small where the surface was measured. Empty where there is no cloud. Of the formats, PLY
-    /// alone has it, as the property `distance_to_points`.
+    /// and VTP have it, as `distance_to_points`.
     pub distance_to_points: Vec<f64>,
+    /// What the coordinates mean, as far as it is known.
+    pub space: Space,
+}
+
+impl TriangleMesh {
+    /// The mesh in another frame; none where one of the two frames is unknown. Which way the triangles face
+    /// does not change: frames differ by a rotation.
+    pub fn in_frame(mut self, frame: Frame) -> Option<Self> {
+        if frame == self.space.frame {
+            return Some(self);
+        }
+        let factors = self.space.frame.turn(frame)?;
+        for vector in self.vertices.iter_mut().chain(&mut self.normals) {
+            *vector = multiplied(*vector, factors);
+        }
+        self.space.frame = frame;
+        Some(self)
+    }
 }

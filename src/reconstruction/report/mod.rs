@@ -2,13 +2,15 @@
 
 mod blocks;
 mod evidence;
+mod field;
+mod slices;
 mod stopwatch;
 mod surface;
 mod verdict;
 
 use serde::{Deserialize, Serialize};
 
-use crate::reconstruction::cloud::PointCloud;
+use crate::reconstruction::cloud::{PointCloud, Source};
 use crate::reconstruction::error::Error;
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::network::Ensemble;
@@ -17,11 +19,15 @@ use crate::reconstruction::plan::Plan;
 use crate::reconstruction::quality::{self, Comparison, Judge, MeshReport};
 use crate::reconstruction::sampling::{Counts, NormalSource, Prepared};
 use crate::reconstruction::settings::Settings;
+use crate::reconstruction::slices::{Grid, Identifiers};
+use crate::reconstruction::space::Space;
 use crate::reconstruction::surface::Field;
 use crate::reconstruction::training::{Termination, Trained};
 use crate::reconstruction::vector::Vec3;
 
 pub use blocks::{BlocksReport, EachBlock};
+pub use field::FieldAtPoints;
+pub use slices::SlicesReport;
 pub use stopwatch::Seconds;
 pub(super) use stopwatch::Stopwatch;
 pub use surface::{Simplification, SurfaceReport};
@@ -32,9 +38,6 @@ use evidence::{Evidence, Measured};
 
 /// Percent of the area without points below which the summary is silent about it.
 const NEGLIGIBLE_PERCENT: f64 = 1.0;
-
-/// Points that the field is asked about at a time.
-const AT_A_TIME: usize = 1 << 15;
 
 /// A file that a run read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -135,17 +138,6 @@ impl CloudReport {
     }
 }
 
-/// |f| at the surface points: 0 where the network fits them.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct FieldAtPoints {
-    /// Mean of |f|.
-    pub mean: f64,
-    /// Root of the mean of f².
-    pub rms: f64,
-    /// Largest |f|.
-    pub max: f64,
-}
-
 /// Versions of what computed the run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Versions {
@@ -166,6 +158,18 @@ pub struct Report {
     pub versions: Versions,
     /// The files; filled in by the caller, who read them.
     pub inputs: Vec<Input>,
+    /// The slices that the cloud was made of; none of a cloud that was given as points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub slices: Option<SlicesReport>,
+    /// What the coordinates of cloud and mesh mean.
+    #[serde(flatten)]
+    pub space: Space,
+    /// The voxels of the label map that the cloud was made of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grid: Option<Grid>,
+    /// Patient and study, where the user had them kept.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub identifiers: Option<Identifiers>,
     /// Complete settings, seed included.
     pub settings: Settings,
     /// What was trained.
@@ -215,9 +219,15 @@ pub(super) struct Subject<'a> {
 
 impl Report {
     /// Adds what the cloud was read from, and the warnings of its readers, which came first.
-    pub fn read_from(&mut self, inputs: Vec<Input>, warnings: Vec<Warning>) {
+    /// `mesh` is held against the slices that it was made of.
+    pub fn read_from(&mut self, inputs: Vec<Input>, source: Source, mesh: &TriangleMesh) {
         self.inputs = inputs;
-        self.warnings.splice(0..0, warnings);
+        self.slices = source
+            .slices
+            .map(|record| SlicesReport::new(&record, mesh, self.mesh.volume));
+        self.grid = source.grid;
+        self.identifiers = source.identifiers;
+        self.warnings.splice(0..0, source.warnings);
     }
 
     /// Measures the subject; the caller fills in `inputs` and `seconds`.
@@ -263,6 +273,10 @@ impl Report {
             verdict_reasons,
             versions: Versions::current(),
             inputs: Vec::new(),
+            slices: None,
+            space: cloud.space,
+            grid: None,
+            identifiers: None,
             settings: settings.clone(),
             network: NetworkReport::new(&plan.ensemble),
             blocks: subject.blocks.clone(),
@@ -320,6 +334,7 @@ impl Report {
                 ));
             }
         }
+        lines.extend(self.slices.iter().map(SlicesReport::line));
         let told = |code| {
             self.verdict_reasons
                 .iter()
@@ -352,31 +367,6 @@ fn name(value: &impl Serialize) -> String {
         .ok()
         .and_then(|value| value.as_str().map(str::to_owned))
         .unwrap_or_default()
-}
-
-impl FieldAtPoints {
-    fn measure(subject: &Subject<'_>) -> Result<Self, Error> {
-        let Subject {
-            cloud,
-            prepared,
-            field,
-            ..
-        } = *subject;
-        let points: Vec<Vec3> = prepared
-            .measured(cloud)
-            .map(|p| prepared.frame.to_unit(p))
-            .collect();
-        let mut values = vec![0.0; points.len()];
-        for (points, values) in points.chunks(AT_A_TIME).zip(values.chunks_mut(AT_A_TIME)) {
-            field.values(points, values)?;
-        }
-        let count = values.len().max(1) as f64;
-        Ok(Self {
-            mean: values.iter().map(|v| v.abs()).sum::<f64>() / count,
-            rms: (values.iter().map(|v| v * v).sum::<f64>() / count).sqrt(),
-            max: values.iter().fold(0.0, |max, v| max.max(v.abs())),
-        })
-    }
 }
 
 impl Versions {

@@ -63,7 +63,7 @@ pub(in crate::reconstruction) fn boundary(
         && let Some(body) = Body::of(&lattice)
         && !is_flat(&cloud.points)
     {
-        return Ok(Some(told(cloud.points.len(), &body)));
+        return Ok(Some(told(cloud, &body)));
     }
     if fills_a_body(&cloud.points) {
         return Err(cloud::Error::Filled);
@@ -71,11 +71,12 @@ pub(in crate::reconstruction) fn boundary(
     Ok(None)
 }
 
-fn told(points: usize, body: &Body) -> Boundary {
+fn told(given: &PointCloud, body: &Body) -> Boundary {
     let faces: Vec<(Vec3, Vec3)> = body.faces().collect();
     let [x, y, z] = body.edges;
+    let count = given.points.len();
     let message = format!(
-        "the {points} points are voxels of {x:.4} x {y:.4} x {z:.4}, or faces of them; the surface is put between \
+        "the {count} points are voxels of {x:.4} x {y:.4} x {z:.4}, or faces of them; the surface is put between \
          the solid volume and the outside, through {} faces whose steps are smoothed away",
         faces.len()
     );
@@ -85,6 +86,7 @@ fn told(points: usize, body: &Body) -> Boundary {
         cloud: PointCloud {
             points,
             normals: Some(normals),
+            space: given.space,
             ..PointCloud::default()
         },
         noise: NOISE * edge,

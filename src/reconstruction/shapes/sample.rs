@@ -87,6 +87,7 @@ pub fn sample(shape: &Shape, recipe: &Recipe) -> PointCloud {
         points,
         normals: recipe.normals.then_some(normals),
         labels: labelled.then_some(labels),
+        ..PointCloud::default()
     }
 }
 

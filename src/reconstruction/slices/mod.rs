@@ -3,7 +3,38 @@
 //! A reader finds the geometry of a stack in the header of a file and then hands over one plane after
 //! the other, so that memory does not grow with the volume.
 
+mod blur;
+mod builder;
+mod distance;
+mod grid;
+mod identifiers;
+mod inside;
+mod label_map;
+mod lattice;
+mod layers;
+mod mask;
+mod occupancy;
+mod polygons;
+mod priority;
+mod runs;
+mod sides;
+mod slope;
+mod summary;
+mod thinning;
+mod told;
+
+#[cfg(test)]
+mod tests;
+
 use super::vector::Vec3;
+
+pub use builder::{Builder, Record};
+pub use grid::Grid;
+pub use identifiers::Identifiers;
+pub use inside::Inside;
+pub use label_map::write_mask;
+pub use occupancy::{Occupancy, Overlap};
+pub use summary::{Face, Summary};
 
 /// Where the slices of a stack lie, in millimetres of the patient (LPS: x to the left, y to the back,
 /// z to the head).
@@ -54,4 +85,15 @@ pub struct Mask {
     pub fractional: bool,
     /// Columns and rows of the whole slice.
     pub slice_size: [usize; 2],
+}
+
+impl Mask {
+    /// Pixels that are filled, parts added up.
+    fn pixels(&self) -> f64 {
+        if self.fractional {
+            self.filled.iter().map(|&v| f64::from(v)).sum::<f64>() / 255.0
+        } else {
+            self.filled.iter().filter(|&&v| v > 0).count() as f64
+        }
+    }
 }

@@ -30,6 +30,7 @@ pub(crate) fn bare(points: Vec<Vec3>) -> PointCloud {
         points,
         normals: None,
         labels: None,
+        ..PointCloud::default()
     }
 }
 

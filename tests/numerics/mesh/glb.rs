@@ -8,8 +8,8 @@ use super::formats::written;
 use super::{moved, sphere};
 
 /// A GLB file taken apart.
-struct Parts {
-    document: Value,
+pub(super) struct Parts {
+    pub(super) document: Value,
     binary: Vec<u8>,
 }
 
@@ -17,7 +17,7 @@ fn word(bytes: &[u8], at: usize) -> usize {
     u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize
 }
 
-fn take_apart(bytes: &[u8]) -> Parts {
+pub(super) fn take_apart(bytes: &[u8]) -> Parts {
     assert_eq!(&bytes[..4], b"glTF");
     assert_eq!(word(bytes, 4), 2);
     assert_eq!(word(bytes, 8), bytes.len());
@@ -51,7 +51,7 @@ impl Parts {
         bytes.as_chunks().0.to_vec()
     }
 
-    fn floats(&self, accessor: &Value) -> Vec<f32> {
+    pub(super) fn floats(&self, accessor: &Value) -> Vec<f32> {
         let words = self.words(accessor);
         words.into_iter().map(f32::from_le_bytes).collect()
     }

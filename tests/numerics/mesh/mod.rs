@@ -3,8 +3,11 @@
 pub(crate) mod formats;
 mod glb;
 mod hostile;
+mod mask;
 mod measures;
+mod packages;
 mod quality;
+mod space;
 mod topology;
 
 use std::f64::consts::{PI, TAU};

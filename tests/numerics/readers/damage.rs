@@ -35,7 +35,7 @@ fn survive(bytes: &[u8], name: Option<&str>) {
 }
 
 /// Flips, overwrites, cuts, inserts and repeats, a few at a time.
-fn damage(bytes: &mut Vec<u8>, generator: &mut Generator) {
+pub(crate) fn damage(bytes: &mut Vec<u8>, generator: &mut Generator) {
     const TELLING: &[&[u8]] = &[
         b"99999999999",
         b"-1",

@@ -19,6 +19,7 @@ pub(super) fn cloud() -> PointCloud {
         normals: Some((0..points.len()).map(axis).collect()),
         labels: Some((0..points.len()).map(label).collect()),
         points,
+        ..PointCloud::default()
     }
 }
 

@@ -5,7 +5,7 @@
     reason = "a reader gives back the very numbers that were written"
 )]
 
-mod damage;
+pub(crate) mod damage;
 mod dialects;
 mod files;
 mod formats;

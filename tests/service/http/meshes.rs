@@ -139,7 +139,7 @@ async fn a_format_that_is_not_there_is_named() {
     expect_contract(&refused, "get", "/v1/jobs/{id}/mesh");
     let problem = refused.expect_problem(406, "not_acceptable");
     assert!(
-        problem["acceptable"].as_array().unwrap().len() == 5,
+        problem["acceptable"].as_array().unwrap().len() == 8,
         "{problem}"
     );
     let path = format!("/v1/jobs/{id}/mesh.3ds");

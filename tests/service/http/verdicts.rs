@@ -12,7 +12,7 @@ use crate::http::support::{Service, json_request, sphere_xyz, tetrahedron};
 use crate::server::{Folder, PATIENCE, job_ended, until};
 use crate::wire::Connection;
 
-const MEMBERS: [&str; 4] = ["verdict", "verdict_reasons", "warnings", "mesh"];
+const MEMBERS: [&str; 5] = ["verdict", "verdict_reasons", "warnings", "mesh", "slices"];
 
 /// What the report of a reconstruction has, as far as the job shows it, and some more.
 fn report(verdict: Verdict) -> Value {
@@ -28,6 +28,17 @@ fn report(verdict: Verdict) -> Value {
             "genus": 0, "volume": 0.25, "area": 2.5,
         },
         "surface": {"unsupported_area_percent": 33.5, "support_distance": 0.5},
+        "slices": slices(),
+    })
+}
+
+/// What it says of a segmentation.
+fn slices() -> Value {
+    json!({
+        "slices": 9, "slice_distance": 5.0, "pixel_size": [0.5, 0.5], "voxels": 27000.0, "volume": 33750.0,
+        "contour_points": 2160, "thinning_radius": 1.75, "surface_points": 343, "interior_points": 3000,
+        "exterior_points": 3000, "slices_repeated": 1, "gaps": 0, "contours_ignored": 0,
+        "invented_at": ["first_slice"], "dice": 0.99, "volume_change_percent": 0.2,
     })
 }
 
@@ -43,6 +54,7 @@ fn shown(verdict: Verdict) -> Value {
             "volume": 0.25, "unsupported_area_percent": 33.5,
             "orientation_confidence": null,
         },
+        "slices": slices(),
     })
 }
 

@@ -13,6 +13,7 @@ use meshway::jobs::{
     Success,
 };
 use meshway::reconstruction::cloud::{Counts, Format};
+use meshway::reconstruction::space::Space;
 use meshway::reconstruction::vector::Bounds;
 use meshway::reconstruction::{Phase, Preset};
 use serde_json::json;
@@ -91,6 +92,7 @@ impl Bench {
             preset: Preset::Fast,
             settings: Preset::Fast.settings(),
             labels: BTreeMap::from([("patient".to_owned(), "p 1".to_owned())]),
+            source: None,
             derived_from: None,
         }
     }
@@ -164,8 +166,10 @@ pub(crate) fn summary(format: Format, points: u64) -> Summary {
             surface: points as usize,
             ..Counts::default()
         },
+        space: Space::default(),
         dropped_non_finite: 0,
         warnings: Vec::new(),
+        segmentation: None,
     }
 }
 

@@ -4,14 +4,14 @@
 //! upload must not mix with those of erasing the same bytes, or a row would be left without its
 //! file. So uploads take a lock shared and erasing takes it exclusively.
 
-use std::fs::File;
+use std::fs;
 use std::path::PathBuf;
 
 use crate::folder::{CLOUDS, in_folder};
 use crate::http::AppState;
 use crate::http::upload::{Upload, blocking};
 use crate::http::wire::error::{ApiError, Result};
-use crate::intake::Summary;
+use crate::intake::{File, Summary};
 use crate::jobs::{Cloud, CloudDeletion, CloudId, NewCloud};
 
 /// Where the bytes of a cloud are.
@@ -25,11 +25,14 @@ pub(in crate::http) fn path(app: &AppState, sha256: &str) -> PathBuf {
 /// What is wrong with the cloud.
 pub(in crate::http) async fn read(app: &AppState, upload: &Upload) -> Result<Summary> {
     let spooled = &upload.spooled;
-    let read = app
-        .reader
-        .read(spooled.file.path(), spooled.bytes, upload.hint);
-    read.await
-        .map_err(|error| upload.explain(ApiError::from(error)))
+    let file = File {
+        path: spooled.file.path(),
+        bytes: spooled.bytes,
+        hint: upload.hint,
+        assume_orientation: upload.assume_orientation,
+    };
+    let read = app.reader.read(file).await;
+    read.map_err(|error| upload.explain(ApiError::from(error)))
 }
 
 /// Turns an upload into a cloud. `false` if the same bytes were uploaded before.
@@ -42,6 +45,7 @@ pub(in crate::http) async fn keep(app: &AppState, upload: Upload) -> Result<(Clo
         && tokio::fs::try_exists(path(app, &cloud.sha256))
             .await
             .unwrap_or(false)
+        && (upload.assume_orientation || !has_assumed(&cloud))
     {
         return Ok((cloud, false));
     }
@@ -58,7 +62,7 @@ pub(in crate::http) async fn keep(app: &AppState, upload: Upload) -> Result<(Clo
         let Some(folder) = target.parent() else {
             return Ok(());
         };
-        let folder = in_folder(folder, || File::open(folder))?;
+        let folder = in_folder(folder, || fs::File::open(folder))?;
         spooled.file.persist(&target)?;
         // The name must survive a loss of power before the row does.
         folder.sync_all()
@@ -66,6 +70,13 @@ pub(in crate::http) async fn keep(app: &AppState, upload: Upload) -> Result<(Clo
     .await?
     .map_err(ApiError::internal)?;
     Ok(app.store.insert_cloud(new).await?)
+}
+
+/// Whether the cloud could be read only because its orientation was assumed: without leave for that
+/// it is refused again.
+fn has_assumed(cloud: &Cloud) -> bool {
+    let contents = cloud.summary.segmentation.as_ref();
+    contents.is_some_and(|contents| contents.assumed_orientation)
 }
 
 /// Erases a cloud, row first.

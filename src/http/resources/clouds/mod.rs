@@ -14,7 +14,7 @@ use crate::http::api;
 use crate::http::upload::{Payload, receive};
 use crate::http::wire::download::{Content, Download};
 use crate::http::wire::error::{ApiError, Code, Result};
-use crate::http::wire::extract::{Id, NoQuery, Query};
+use crate::http::wire::extract::{Id, NoQuery, Query, switch};
 use crate::http::wire::idempotency::{self, Begun};
 use crate::http::wire::page::{Page, PageOf};
 use crate::jobs::{Cloud, CloudDeletion, CloudId, Subject};
@@ -22,15 +22,18 @@ use crate::jobs::{Cloud, CloudDeletion, CloudId, Subject};
 /// `POST /v1/clouds`: 201, or 200 when the same bytes are here already.
 pub(in crate::http) async fn create(
     State(app): State<AppState>,
-    _: NoQuery,
+    mut query: Query,
     request: Request,
 ) -> Result<Response> {
+    let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
+    query.finish()?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
     key.admit(&app).await?;
-    let Payload::File(upload, None) = receive(&app, request).await? else {
+    let Payload::File(mut upload, None) = receive(&app, request).await? else {
         let detail = "send a point cloud, raw or as the only part, file, of a form";
         return Err(ApiError::new(Code::UnsupportedFormat, detail));
     };
+    upload.assume_orientation = assume_orientation;
     key.content(upload.spooled.sha256.as_bytes());
     let attempt = match key.begin(&app).await? {
         Begun::Replay(response) => return Ok(response),
@@ -97,7 +100,7 @@ pub(in crate::http) async fn content(
         },
         sha256: cloud.sha256,
         media_type: "application/octet-stream",
-        file_name: format!("{}.{}{ending}", cloud.id, cloud.summary.format.name()),
+        file_name: format!("{}.{}{ending}", cloud.id, cloud.summary.format.extension()),
     };
     download.respond(&headers).await
 }

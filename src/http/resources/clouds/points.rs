@@ -10,7 +10,7 @@ use crate::http::AppState;
 use crate::http::wire::download::{Content, Download, hex};
 use crate::http::wire::error::{ApiError, Result};
 use crate::http::wire::extract::{Id, Query, text};
-use crate::intake::Subset;
+use crate::intake::{File, Subset};
 use crate::jobs::CloudId;
 
 /// Points of an answer that are enough for a picture.
@@ -37,8 +37,14 @@ pub(in crate::http) async fn subset(
     let most = most.unwrap_or(ENOUGH);
     let cloud = find(&app, &id).await?;
     let path = files::path(&app, &cloud.sha256);
-    let hint = Some(cloud.summary.format);
-    let Subset { origin, rows } = app.reader.subset(&path, cloud.bytes, hint, most).await?;
+    let file = File {
+        path: &path,
+        bytes: cloud.bytes,
+        hint: Some(cloud.summary.format),
+        // Whoever uploaded the file had to allow it.
+        assume_orientation: true,
+    };
+    let Subset { origin, rows } = app.reader.subset(file, most).await?;
     let download = Download {
         sha256: hex(Sha256::digest(&rows)),
         content: Content::Memory(rows.into()),

@@ -30,6 +30,7 @@ use crate::http::wire::page::{Page, PageOf};
 use crate::jobs::{
     Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject, Verdict,
 };
+use crate::reconstruction::medical::Choice;
 
 /// `POST /v1/jobs`: for a cloud that is here, or with the cloud itself.
 pub(in crate::http) async fn create(
@@ -39,6 +40,8 @@ pub(in crate::http) async fn create(
 ) -> Result<Response> {
     let dry_run = query.take("dry_run", switch).unwrap_or(false);
     let preset = query.take("preset", |name| preset_named(&name));
+    let source = query.take("source", |text| Choice::parse(&text));
+    let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
     query.finish()?;
     let wish = Wish::of(request.headers())?;
     let mut key = idempotency::Request::new(request.headers(), request.uri())?;
@@ -50,13 +53,14 @@ pub(in crate::http) async fn create(
             key.content(&body);
             (Members::of(&body)?, None)
         }
-        Payload::File(upload, job) => {
+        Payload::File(mut upload, job) => {
+            upload.assume_orientation = assume_orientation;
             key.content(upload.spooled.sha256.as_bytes());
             key.content(job.as_deref().unwrap_or_default());
             (members_of("part job", job.as_deref())?, Some(upload))
         }
     };
-    let asked = JobRequest::new(members, preset)?;
+    let asked = JobRequest::new(members, preset, source)?;
     check_one_cloud(&asked, upload.as_ref(), dry_run)?;
     let attempt = match key.begin(&app).await? {
         Begun::Replay(response) => return Ok(response),
@@ -71,7 +75,7 @@ pub(in crate::http) async fn create(
         (None, Some(id)) => find_cloud(&app, id).await?,
         (None, None) => return Err(ApiError::internal("a job without a cloud was let in")),
     };
-    asked.check(&app.config, Some(cloud.summary.labels))?;
+    asked.check(&app.config, Some(&cloud.summary))?;
     let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
     wish.answer(&app, job).await
 }
@@ -190,7 +194,7 @@ pub(in crate::http) async fn retry(
     }
     let asked = JobRequest::again(&job, members)?;
     let cloud = find_cloud(&app, &job.cloud_id).await?;
-    asked.check(&app.config, Some(cloud.summary.labels))?;
+    asked.check(&app.config, Some(&cloud.summary))?;
     let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
     wish.answer(&app, job).await
 }
@@ -224,9 +228,9 @@ async fn submit(app: &AppState, new: NewJob, attempt: Attempt) -> Result<Job> {
 
 /// The answer to a dry run: what would be done, and what it would cost.
 async fn estimate(app: &AppState, asked: &JobRequest, upload: Option<&Upload>) -> Result<Response> {
-    let labels = match (upload, &asked.cloud_id) {
-        (Some(upload), _) => Some(files::read(app, upload).await?.labels),
-        (None, Some(id)) => Some(find_cloud(app, id).await?.summary.labels),
+    let summary = match (upload, &asked.cloud_id) {
+        (Some(upload), _) => Some(files::read(app, upload).await?),
+        (None, Some(id)) => Some(find_cloud(app, id).await?.summary),
         (None, None) => None,
     };
     let body = api::DryRun {
@@ -234,7 +238,7 @@ async fn estimate(app: &AppState, asked: &JobRequest, upload: Option<&Upload>) -
         cloud_id: asked.cloud_id.as_ref(),
         preset: asked.preset,
         settings: &asked.settings,
-        estimate: asked.check(&app.config, labels)?,
+        estimate: asked.check(&app.config, summary.as_ref())?,
     };
     Ok(Json(body).into_response())
 }

@@ -2,13 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use crate::config::Config;
 use crate::http::wire::error::{ApiError, Code, Result};
-use crate::http::wire::extract::{Members, json};
+use crate::http::wire::extract::{self, Members};
+use crate::intake::Summary;
 use crate::jobs::{CloudId, Job, JobId, NewJob};
 use crate::reconstruction::cloud::Counts;
+use crate::reconstruction::medical::Choice;
 use crate::reconstruction::plan::{Cost, grid_bytes, largest_resolution};
 use crate::reconstruction::settings::{self, OffSurface};
 use crate::reconstruction::{Preset, Settings};
@@ -31,21 +33,29 @@ pub(in crate::http) struct JobRequest {
     /// Complete settings.
     pub(in crate::http) settings: Settings,
     labels: BTreeMap<String, String>,
+    source: Option<Choice>,
     derived_from: Option<JobId>,
 }
 
 impl JobRequest {
-    /// Reads `cloud_id`, `preset`, `settings` and `labels`; `preset` of the address may stand in
-    /// for that of the body.
+    /// Reads `cloud_id`, `preset`, `settings`, `labels` and `source`; `preset` and `source` of the
+    /// address may stand in for those of the body.
     ///
     /// # Errors
     /// [`Code::RequestInvalid`], [`Code::SettingsInvalid`], [`Code::SettingsConflict`], each with
     /// all faults.
-    pub(in crate::http) fn new(mut members: Members, preset: Option<Preset>) -> Result<Self> {
-        let cloud_id = members.take("cloud_id", json::<CloudId>);
-        if preset.is_some() && members.has("preset") {
-            members.fault("preset", "is given in the address too".to_owned());
+    pub(in crate::http) fn new(
+        mut members: Members,
+        preset: Option<Preset>,
+        source: Option<Choice>,
+    ) -> Result<Self> {
+        let cloud_id = members.take("cloud_id", extract::json::<CloudId>);
+        for (name, is_given) in [("preset", preset.is_some()), ("source", source.is_some())] {
+            if is_given && members.has(name) {
+                members.fault(name, "is given in the address too".to_owned());
+            }
         }
+        let source = members.take("source", extract::json::<Choice>).or(source);
         let preset = members
             .take("preset", |name| {
                 preset_named(name.as_str().unwrap_or_default())
@@ -60,6 +70,7 @@ impl JobRequest {
             preset,
             settings: resolve(preset, &given.unwrap_or_default().into())?,
             labels: labels.unwrap_or_default(),
+            source,
             derived_from: None,
         })
     }
@@ -74,6 +85,7 @@ impl JobRequest {
             preset_named(name.as_str().unwrap_or_default())
         });
         let given = members.take("settings", object).unwrap_or_default();
+        let source = members.take("source", extract::json::<Choice>);
         let labels = labels(&mut members);
         members.finish()?;
         let mut base = match preset {
@@ -87,16 +99,26 @@ impl JobRequest {
             preset,
             settings: resolve(preset, &base)?,
             labels: labels.unwrap_or_else(|| job.labels.clone()),
+            source: source.or_else(|| job.source.clone()),
             derived_from: Some(job.id.clone()),
         })
     }
 
-    /// Checks the settings against the cloud and the limits of the machine, and estimates the cost.
+    /// Checks choice and settings against the cloud, if it is known, and the limits of the machine,
+    /// and estimates the cost.
     ///
     /// # Errors
-    /// [`Code::SettingsConflict`] for labels that are asked for and not there,
-    /// [`Code::GridTooLarge`] and [`Code::TrainingTooLarge`].
-    pub(in crate::http) fn check(&self, config: &Config, labels: Option<Counts>) -> Result<Cost> {
+    /// [`Code::SourceMissing`] and [`Code::SourceUnknown`], [`Code::SettingsConflict`] for labels that
+    /// are asked for and not there, [`Code::GridTooLarge`] and [`Code::TrainingTooLarge`].
+    pub(in crate::http) fn check(
+        &self,
+        config: &Config,
+        summary: Option<&Summary>,
+    ) -> Result<Cost> {
+        if let Some(summary) = summary {
+            self.check_source(summary)?;
+        }
+        let labels = summary.and_then(Summary::point_labels);
         if self.settings.sampling.off_surface == OffSurface::Labels
             && labels.is_some_and(|labels| labels.interior + labels.exterior == 0)
         {
@@ -119,6 +141,27 @@ impl JobRequest {
             self.check_training(&cost, limit)?;
         }
         Ok(cost)
+    }
+
+    /// Holds the choice of a part against what the summary of a file lists.
+    ///
+    /// # Errors
+    /// [`Code::SourceMissing`] and [`Code::SourceUnknown`], both with the list.
+    fn check_source(&self, summary: &Summary) -> Result<()> {
+        let Some(contents) = &summary.segmentation else {
+            if self.source.is_none() {
+                return Ok(());
+            }
+            let detail = "the cloud has no parts to choose from; leave the choice out";
+            return Err(ApiError::fault(Code::SourceUnknown, "/source", detail));
+        };
+        let parts = &contents.parts;
+        let chosen = parts.choose(self.source.as_ref());
+        chosen.map(drop).map_err(|error| {
+            ApiError::fault(Code::from_name(error.code()), "/source", error.to_string())
+                .with("kind", json!(parts.kind))
+                .with("choices", json!(parts.items))
+        })
     }
 
     fn check_grid(&self, limit: u64) -> Result<()> {
@@ -170,6 +213,7 @@ impl JobRequest {
             preset: self.preset,
             settings: self.settings,
             labels: self.labels,
+            source: self.source,
             derived_from: self.derived_from,
         }
     }

@@ -118,7 +118,7 @@ async fn until_ended(app: &AppState, id: &JobId, wait: Duration) -> Result<Job> 
 
 /// The mesh itself, and where the job is that made it.
 async fn mesh(app: &AppState, job: &Job, format: Format) -> Result<Response> {
-    let response = meshes::respond(app, job, 0, format, &HeaderMap::new()).await?;
+    let response = meshes::respond(app, job, 0, (format, None), &HeaderMap::new()).await?;
     let mut response = meshes::varies(response);
     let described = format!("<{}>; rel=\"describedby\"", url(job));
     for (name, value) in [(LOCATION, url(job)), (LINK, described)] {

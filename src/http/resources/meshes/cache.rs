@@ -16,11 +16,10 @@ use tokio::sync::Semaphore;
 use crate::folder::in_folder;
 use crate::folder::names::{is_encoding, remove_files};
 use crate::http::resources::jobs::found::found;
+use crate::http::resources::meshes::rendition::Rendition;
 use crate::http::wire::download::{Content, hex};
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::jobs::{Job, JobId, MeshInfo, Store};
-use crate::reconstruction::mesh::read;
-use crate::reconstruction::mesh::write::{Format, write};
 
 /// Most bytes of cached files. The newest file stays even if it is larger.
 const LIMIT_BYTES: u64 = 4 << 30;
@@ -40,8 +39,8 @@ struct Kept {
     uses: u64,
 }
 
-/// Hash of the canonical mesh, and the format.
-type Key = (String, Format);
+/// Hash of the canonical mesh, and the name of the rendition.
+type Key = (String, String);
 
 struct Entry {
     file: Encoded,
@@ -104,7 +103,7 @@ impl MeshCache {
             .sum()
     }
 
-    /// A mesh of the job in the format, and its hash.
+    /// A rendition of a mesh of the job, and its hash.
     ///
     /// # Errors
     /// [`Code::NotFound`] and [`Code::Gone`] when it was erased meanwhile, and those of the store.
@@ -113,9 +112,9 @@ impl MeshCache {
         store: &Store,
         job: &Job,
         mesh: &MeshInfo,
-        format: Format,
+        rendition: Rendition,
     ) -> Result<(Content, String)> {
-        let key = (mesh.sha256.clone(), format);
+        let key = (mesh.sha256.clone(), rendition.name());
         if let Some(file) = self.kept().used_by(&key, &job.id) {
             return Ok(file.content());
         }
@@ -130,7 +129,7 @@ impl MeshCache {
             let adopted = cache.kept().adopt(&key, &job);
             let content = match adopted {
                 Some(file) => file.content(),
-                None => cache.make(&store, &mesh, key, &job).await?,
+                None => cache.make((&store, &job), &mesh, key, rendition).await?,
             };
             // Erasing removes rows before files, so either it sees this file or this sees the
             // missing row.
@@ -160,19 +159,19 @@ impl MeshCache {
 
     async fn make(
         &self,
-        store: &Store,
+        (store, job): (&Store, &JobId),
         mesh: &MeshInfo,
         key: Key,
-        job: &JobId,
+        rendition: Rendition,
     ) -> Result<(Content, String)> {
         let ply = canonical(store, mesh).await?;
         let folder = self.folder.clone();
-        let (hash, format) = key.clone();
-        let name = format!("{hash}.{}", format.name());
+        let (hash, rest) = &key;
+        let name = format!("{hash}.{rest}");
         let encoded = tokio::task::spawn_blocking(move || {
-            match encode_to_file(&ply, format, &folder, &name) {
+            match encode_to_file(&ply, &rendition, &folder, &name) {
                 // On a full disk the mesh is served from memory.
-                Err(error) if is_full(&error) => Ok(Err(encode_to_memory(&ply, format)?)),
+                Err(error) if is_full(&error) => Ok(Err(encode_to_memory(&ply, &rendition)?)),
                 file => file.map(Ok),
             }
         });
@@ -261,14 +260,22 @@ fn is_full(error: &io::Error) -> bool {
 fn refused(error: io::Error) -> ApiError {
     match error.kind() {
         io::ErrorKind::InvalidInput => ApiError::new(Code::NotAcceptable, error.to_string()),
+        io::ErrorKind::Unsupported => {
+            ApiError::fault(Code::RequestInvalid, "/space", error.to_string())
+        }
         _ => ApiError::internal(error),
     }
 }
 
-fn encode_to_file(ply: &[u8], format: Format, folder: &Path, name: &str) -> io::Result<Encoded> {
+fn encode_to_file(
+    ply: &[u8],
+    rendition: &Rendition,
+    folder: &Path,
+    name: &str,
+) -> io::Result<Encoded> {
     let file = in_folder(folder, || tempfile::NamedTempFile::new_in(folder))?;
     let mut file = Hashing::new(file);
-    encode(ply, format, &mut file)?;
+    rendition.write(ply, &mut file)?;
     let path = folder.join(name);
     file.inner.persist(&path).map_err(|error| error.error)?;
     Ok(Encoded {
@@ -278,16 +285,11 @@ fn encode_to_file(ply: &[u8], format: Format, folder: &Path, name: &str) -> io::
     })
 }
 
-fn encode_to_memory(ply: &[u8], format: Format) -> io::Result<(Content, String)> {
+fn encode_to_memory(ply: &[u8], rendition: &Rendition) -> io::Result<(Content, String)> {
     let mut encoded = Hashing::new(Vec::new());
-    encode(ply, format, &mut encoded)?;
+    rendition.write(ply, &mut encoded)?;
     let content = Content::Memory(encoded.inner.into());
     Ok((content, hex(encoded.hash.finalize())))
-}
-
-fn encode(ply: &[u8], format: Format, out: &mut impl Write) -> io::Result<()> {
-    let mesh = read::read(ply, None).map_err(io::Error::other)?;
-    write(&mesh, format, out)
 }
 
 /// Counts and hashes what passes through.

@@ -1,11 +1,16 @@
 //! What a job made: its mesh and snapshots in every format, its report, its network.
 
 pub(in crate::http) mod cache;
+mod rendition;
 
 use axum::Json;
-use axum::extract::State;
+use axum::extract::{FromRequestParts, State};
+use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
+use serde_json::{Value, json};
+
+use rendition::Rendition;
 
 use crate::http::AppState;
 use crate::http::api;
@@ -13,42 +18,49 @@ use crate::http::resources::jobs::found::{Found, Succeeded, found};
 use crate::http::wire::accept::preferred;
 use crate::http::wire::download::{Content, Download};
 use crate::http::wire::error::{ApiError, Code, Result};
-use crate::http::wire::extract::NoQuery;
+use crate::http::wire::extract::{NoQuery, Query};
 use crate::jobs::{Job, MeshInfo, Verdict};
 use crate::reconstruction::mesh::write::Format;
+use crate::reconstruction::space::Frame;
 
 /// Header that says how far the mesh can be relied on.
 const VERDICT: HeaderName = HeaderName::from_static("meshway-verdict");
 
-/// Media types of meshes for `Accept`, the default first. PLY and OFF have no registered type, so
-/// several are understood.
-const OFFERS: [(&str, Format); 7] = [
+/// Media types of meshes for `Accept`, the default first. PLY, OFF and VTP have no registered type,
+/// so several are understood.
+const OFFERS: [(&str, Format); 10] = [
     ("application/x-ply", Format::PlyBinary),
     ("model/ply", Format::PlyBinary),
     ("model/obj", Format::Obj),
     ("model/stl", Format::Stl),
     ("application/x-off", Format::Off),
     ("model/gltf-binary", Format::Glb),
+    ("model/3mf", Format::ThreeMf),
+    ("application/x-vtp", Format::Vtp),
+    ("application/dicom", Format::Dicom),
     ("application/octet-stream", Format::PlyBinary),
 ];
 
 /// File endings in addresses.
-const ENDINGS: [(&str, Format); 5] = [
+const ENDINGS: [(&str, Format); 8] = [
     ("ply", Format::PlyBinary),
     ("obj", Format::Obj),
     ("stl", Format::Stl),
     ("off", Format::Off),
     ("glb", Format::Glb),
+    ("3mf", Format::ThreeMf),
+    ("vtp", Format::Vtp),
+    ("dcm", Format::Dicom),
 ];
 
 /// GET /v1/jobs/{id}/mesh
 pub(in crate::http) async fn negotiated(
     State(app): State<AppState>,
-    _: NoQuery,
+    InSpace(frame): InSpace,
     Succeeded(job): Succeeded,
     headers: HeaderMap,
 ) -> Result<Response> {
-    respond(&app, &job, 0, accepted(&headers)?, &headers)
+    respond(&app, &job, 0, (accepted(&headers)?, frame), &headers)
         .await
         .map(varies)
 }
@@ -56,14 +68,40 @@ pub(in crate::http) async fn negotiated(
 /// GET /v1/jobs/{id}/mesh.{format}
 pub(in crate::http) async fn result(
     State(app): State<AppState>,
-    _: NoQuery,
+    InSpace(frame): InSpace,
     Succeeded(job): Succeeded,
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response> {
     let (_, ending) = last_segment(&uri);
     let format = ending.and_then(by_ending).ok_or_else(no_format)?;
-    respond(&app, &job, 0, format, &headers).await
+    respond(&app, &job, 0, (format, frame), &headers).await
+}
+
+/// GET /v1/jobs/{id}/mask.nii.gz
+pub(in crate::http) async fn mask(
+    State(app): State<AppState>,
+    _: NoQuery,
+    Succeeded(job): Succeeded,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let report = job.report.as_ref().unwrap_or(&Value::Null);
+    let missing = |why| ApiError::new(Code::NotFound, format!("the job has no mask: {why}"));
+    let grid = serde_json::from_value(report["grid"].clone());
+    let grid = grid.map_err(|_| missing("its cloud is no label map, so there are no voxels"))?;
+    if report["mesh"]["closed"] != json!(true) {
+        return Err(missing("its mesh is not closed, so it has no inside"));
+    }
+    let mesh = stored(&app, &job, 0).await?;
+    let rendition = Rendition::Mask(grid, job.id.to_string());
+    let (content, sha256) = app.meshes.get(&app.store, &job, &mesh, rendition).await?;
+    let download = Download {
+        content,
+        sha256,
+        media_type: "application/gzip",
+        file_name: format!("{}.nii.gz", job.id),
+    };
+    deliver(&app, &job, download, &headers).await
 }
 
 /// GET /v1/jobs/{id}/snapshots
@@ -83,7 +121,7 @@ pub(in crate::http) async fn snapshots(
 /// GET /v1/jobs/{id}/snapshots/{file}: an evaluation, and the ending of a format.
 pub(in crate::http) async fn snapshot(
     State(app): State<AppState>,
-    _: NoQuery,
+    InSpace(frame): InSpace,
     Found(job): Found,
     uri: Uri,
     headers: HeaderMap,
@@ -95,12 +133,14 @@ pub(in crate::http) async fn snapshot(
         return Err(no_snapshot());
     }
     match ending {
-        None => respond(&app, &job, evaluation, accepted(&headers)?, &headers)
-            .await
-            .map(varies),
+        None => {
+            let asked = (accepted(&headers)?, frame);
+            let response = respond(&app, &job, evaluation, asked, &headers).await;
+            response.map(varies)
+        }
         Some(ending) => {
             let format = by_ending(ending).ok_or_else(no_format)?;
-            respond(&app, &job, evaluation, format, &headers).await
+            respond(&app, &job, evaluation, (format, frame), &headers).await
         }
     }
 }
@@ -128,7 +168,27 @@ pub(in crate::http) async fn model(
     download.respond(&headers).await
 }
 
-/// The mesh of an evaluation, 0 for the result, as a download.
+/// The frame that a mesh is asked for in, `space`; none for that of the cloud.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::http) struct InSpace(Option<Frame>);
+
+impl FromRequestParts<AppState> for InSpace {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Self> {
+        let mut query = Query::from_request_parts(parts, app).await?;
+        let frame = query.take("space", |name| match name.as_str() {
+            "source" => Ok(None),
+            "lps" => Ok(Some(Frame::Lps)),
+            "ras" => Ok(Some(Frame::Ras)),
+            _ => Err("must be one of source, lps, ras".to_owned()),
+        });
+        query.finish()?;
+        Ok(Self(frame.flatten()))
+    }
+}
+
+/// The mesh of an evaluation, 0 for the result, as a download in a format and a frame.
 ///
 /// # Errors
 /// [`Code::NotFound`], [`Code::Gone`], and those of encoding and download.
@@ -136,21 +196,25 @@ pub(in crate::http) async fn respond(
     app: &AppState,
     job: &Job,
     evaluation: u64,
-    format: Format,
+    (format, frame): (Format, Option<Frame>),
     headers: &HeaderMap,
 ) -> Result<Response> {
-    let mesh = app.store.mesh_info(&job.id, evaluation).await?;
-    let mesh = mesh.ok_or_else(|| ApiError::not_found("mesh"))?;
+    if format == Format::Dicom && frame == Some(Frame::Ras) {
+        let detail = "a DICOM file is in lps, always";
+        return Err(ApiError::fault(Code::RequestInvalid, "/space", detail));
+    }
+    let mesh = stored(app, job, evaluation).await?;
     // That on a result is in its report, that on a snapshot came with it.
     let verdict = match evaluation {
         0 => job.report.as_ref().and_then(Verdict::of),
         _ => mesh.verdict,
     };
-    let (content, sha256) = if format == Format::PlyBinary {
+    let (content, sha256) = if format == Format::PlyBinary && frame.is_none() {
         let (store, sha256) = (app.store.clone(), mesh.sha256.clone());
         (Content::Stored { store, mesh }, sha256)
     } else {
-        app.meshes.get(&app.store, job, &mesh, format).await?
+        let rendition = Rendition::of(job, evaluation, format, frame);
+        app.meshes.get(&app.store, job, &mesh, rendition).await?
     };
     let stem = match evaluation {
         0 => job.id.to_string(),
@@ -162,8 +226,23 @@ pub(in crate::http) async fn respond(
         media_type: format.media_type(),
         file_name: format!("{stem}.{}", format.extension()),
     };
+    let response = deliver(app, job, download, headers).await?;
+    Ok(judged(response, verdict))
+}
+
+async fn stored(app: &AppState, job: &Job, evaluation: u64) -> Result<MeshInfo> {
+    let mesh = app.store.mesh_info(&job.id, evaluation).await?;
+    mesh.ok_or_else(|| ApiError::not_found("mesh"))
+}
+
+async fn deliver(
+    app: &AppState,
+    job: &Job,
+    download: Download,
+    headers: &HeaderMap,
+) -> Result<Response> {
     match download.respond(headers).await {
-        Ok(response) => Ok(judged(response, verdict)),
+        Ok(response) => Ok(response),
         // The bytes are gone where the job was erased since it was found.
         Err(error) => found(app.store.job(&job.id).await?).and(Err(error)),
     }

@@ -223,8 +223,8 @@ impl Transaction<'_> {
         let id = JobId::new();
         sqlx::query(
             "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, derived_from,
-                 created_at)
-             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7)",
+                 created_at, source)
+             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8)",
         )
         .bind(id.as_str())
         .bind(new.cloud_id.as_str())
@@ -233,6 +233,7 @@ impl Transaction<'_> {
         .bind(to_json(&new.labels))
         .bind(new.derived_from.as_ref().map(JobId::as_str))
         .bind(self.now)
+        .bind(new.source.as_ref().map(to_json))
         .execute(&mut *self.db)
         .await?;
         // Behind the waiting jobs, which were counted above.
@@ -303,6 +304,7 @@ pub(in crate::jobs::store) fn job_of(row: &SqliteRow) -> Result<Job> {
         preset: columns.required(columns.name("preset")?, "preset")?,
         settings: columns.json("settings")?,
         labels: columns.json("labels")?,
+        source: columns.optional_json("source")?,
         derived_from: columns.name("derived_from")?,
         created_at: columns.get("created_at")?,
         started_at: columns.get("started_at")?,

@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
 /// Names and texts of the migrations, in their order.
 pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 7] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 9] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -76,6 +76,14 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 7] = [
     (
         "objects",
         include_str!("../../../../migrations/0007_objects.sql"),
+    ),
+    (
+        "verdicts_of_snapshots",
+        include_str!("../../../../migrations/0008_verdicts_of_snapshots.sql"),
+    ),
+    (
+        "sources",
+        include_str!("../../../../migrations/0009_sources.sql"),
     ),
 ];
 

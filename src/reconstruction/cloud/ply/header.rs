@@ -16,6 +16,7 @@ use crate::reconstruction::cloud::Error;
 use crate::reconstruction::cloud::binary::{ByteOrder, Scalar};
 use crate::reconstruction::cloud::columns::Columns;
 use crate::reconstruction::cloud::text::excerpt;
+use crate::reconstruction::space::Space;
 
 /// Most bytes of a header.
 pub const MAX_HEADER_BYTES: usize = 64 << 10;
@@ -32,6 +33,8 @@ const MAX_DIGITS: usize = 10;
 pub(in crate::reconstruction) struct Header {
     /// In the order of their data.
     pub(in crate::reconstruction) elements: Vec<Element>,
+    /// What the comments say of the coordinates.
+    pub(in crate::reconstruction) space: Space,
     encoding: Encoding,
     bytes: usize,
     lines: usize,
@@ -40,7 +43,14 @@ pub(in crate::reconstruction) struct Header {
 impl Header {
     /// Reads the header at the start of `bytes`.
     pub(in crate::reconstruction) fn read(bytes: &[u8]) -> Result<Self, Error> {
-        let (cleaned, types, bytes, lines) = check(bytes)?;
+        let (check, bytes) = check(bytes)?;
+        let Check {
+            cleaned,
+            number: lines,
+            types,
+            comments,
+            ..
+        } = check;
         let definition = Parser::<DefaultElement>::new()
             .read_header(&mut cleaned.as_bytes())
             // Each line has been accepted by itself: what is left is a contradiction between them.
@@ -60,6 +70,7 @@ impl Header {
         }
         Ok(Self {
             elements,
+            space: Space::from_tags(&comments),
             encoding: definition.encoding,
             bytes,
             lines,
@@ -90,8 +101,8 @@ impl Header {
 /// The type of an element's property that `ply-rs` has no word for: element, property, type.
 type OwnType = (usize, usize, Scalar);
 
-/// What `ply-rs` may see of the header at the start of `bytes`, what it may not, bytes and lines.
-fn check(bytes: &[u8]) -> Result<(String, Vec<OwnType>, usize, usize), Error> {
+/// The header at the start of `bytes`, checked, and its number of bytes.
+fn check(bytes: &[u8]) -> Result<(Check, usize), Error> {
     let mut check = Check::default();
     // Lines end as the first one does; a binary body may begin with any byte, also a line feed.
     let end = match bytes.get(3..5) {
@@ -119,7 +130,7 @@ fn check(bytes: &[u8]) -> Result<(String, Vec<OwnType>, usize, usize), Error> {
         check.line(&rest[..length])?;
         position += length + 1;
     }
-    Ok((check.cleaned, check.types, position, check.number))
+    Ok((check, position))
 }
 
 fn is_comment(line: &[u8]) -> bool {
@@ -140,6 +151,8 @@ struct Check {
     /// Names of the properties of the last one.
     properties: HashSet<String>,
     types: Vec<OwnType>,
+    /// All comments, with blanks between them.
+    comments: Vec<u8>,
     complete: bool,
 }
 
@@ -158,6 +171,8 @@ impl Check {
         }
         match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
             [] | ["comment" | "obj_info", ..] => {
+                self.comments.extend_from_slice(bytes);
+                self.comments.push(b' ');
                 self.cleaned.push_str("comment\n");
                 return Ok(());
             }

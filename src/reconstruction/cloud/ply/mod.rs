@@ -26,6 +26,7 @@ pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>
     let columns = header.vertex_columns()?;
     let mut body = header.body(bytes);
     let mut collector = columns.collector(limits);
+    collector.space(header.space);
     for element in &header.elements {
         if element.is_vertex() {
             // Of a text only this many vertices can follow, whatever is declared.

@@ -1,11 +1,13 @@
 //! glTF 2.0 in its binary container, as our own writer makes it: one list of triangles in one node
-//! that is at most moved (Khronos, glTF 2.0 Specification, sections 3.6 and 4.4).
+//! that is at most moved, or has the matrix that our writer gives it, which is undone (Khronos, glTF 2.0
+//! Specification, sections 3.6 and 4.4).
 
 use serde_json::{Value, json};
 
 use super::{Face, position};
 use crate::reconstruction::cloud::Error;
 use crate::reconstruction::mesh::TriangleMesh;
+use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::{Vec3, add};
 
 /// The first bytes of a file.
@@ -24,13 +26,24 @@ pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
     let (binary, _) = chunk(rest, "BIN\0")?;
     let node = only(&document["nodes"])?;
     let primitive = only(&only(&document["meshes"])?["primitives"])?;
-    let turned = ["children", "matrix", "rotation", "scale"];
-    if turned.iter().any(|name| node.get(name).is_some()) || primitive.get("mode").is_some() {
+    let extras = &node["extras"];
+    let space: Space = serde_json::from_value(extras["space"].clone()).unwrap_or_default();
+    let moved = if space == Space::default() {
+        node.get("translation")
+    } else {
+        extras.get("offset").filter(|given| !given.is_null())
+    };
+    let foreign_matrix = space == Space::default() && node.get("matrix").is_some();
+    let turned = ["children", "rotation", "scale"];
+    if foreign_matrix
+        || turned.iter().any(|name| node.get(name).is_some())
+        || primitive.get("mode").is_some()
+    {
         return Err(header(
             "a node is turned, or its mesh is no list of triangles",
         ));
     }
-    let offset: Vec3 = match node.get("translation") {
+    let offset: Vec3 = match moved {
         None => [0.0; 3],
         Some(given) => serde_json::from_value(given.clone())
             .map_err(|_| header("the translation is no three numbers"))?,
@@ -40,7 +53,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
         let vector = |words: &[[u8; 4]; 3]| words.map(|word| f32::from_le_bytes(word).into());
         Ok(words.as_chunks().0.iter().map(vector).collect())
     };
-    let mut mesh = TriangleMesh::default();
+    let mut mesh = TriangleMesh {
+        space,
+        ..TriangleMesh::default()
+    };
     let attributes = &primitive["attributes"];
     for (i, point) in vectors(&attributes["POSITION"])?.into_iter().enumerate() {
         mesh.vertices.push(position(add(point, offset), i + 1)?);

@@ -34,7 +34,7 @@ pub fn read(bytes: &[u8], name: Option<&str>) -> Result<TriangleMesh, Error> {
             Format::Obj => obj::read(bytes),
             Format::Off => off::read(bytes),
             Format::Stl => stl::read(bytes),
-            Format::Xyz | Format::Pcd | Format::Npy => Err(Error::UnsupportedFormat(
+            _ => Err(Error::UnsupportedFormat(
                 "this is not a mesh in PLY, OBJ, OFF, STL or GLB".to_owned(),
             )),
         }

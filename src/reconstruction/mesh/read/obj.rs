@@ -2,11 +2,15 @@
 
 use super::{Face, position};
 use crate::reconstruction::cloud::Error;
+use crate::reconstruction::cloud::obj::space;
 use crate::reconstruction::cloud::text::{Line, Lines, excerpt};
 use crate::reconstruction::mesh::TriangleMesh;
 
 pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
-    let mut mesh = TriangleMesh::default();
+    let mut mesh = TriangleMesh {
+        space: space(bytes),
+        ..TriangleMesh::default()
+    };
     // OBJ gives normals to corners; they belong to vertices only where the two are numbered alike.
     let mut normals_follow_vertices = true;
     let mut faces = 0;

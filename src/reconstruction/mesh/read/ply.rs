@@ -4,7 +4,7 @@ use super::{Face, position};
 use crate::reconstruction::cloud::Error;
 use crate::reconstruction::cloud::columns::Columns;
 use crate::reconstruction::cloud::ply::{Body, Element, Header, Kind};
-use crate::reconstruction::mesh::{PLY_DISTANCE, TriangleMesh};
+use crate::reconstruction::mesh::{DISTANCE, TriangleMesh};
 
 pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
     let header = Header::read(bytes)?;
@@ -12,7 +12,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
     let vertices = header.elements.iter().find(|e| e.is_vertex());
     let vertices = vertices.map_or(0, |element| element.count);
     let mut body = header.body(bytes);
-    let mut mesh = TriangleMesh::default();
+    let mut mesh = TriangleMesh {
+        space: header.space,
+        ..TriangleMesh::default()
+    };
     for element in &header.elements {
         match element.name.as_str() {
             "vertex" => read_vertices(element, &columns, &mut body, &mut mesh)?,
@@ -34,9 +37,10 @@ fn read_vertices(
     body: &mut Body<'_>,
     mesh: &mut TriangleMesh,
 ) -> Result<(), Error> {
-    let distances = element.properties.iter().position(|property| {
-        matches!(property.kind, Kind::Scalar(_)) && property.name == PLY_DISTANCE
-    });
+    let distances = element
+        .properties
+        .iter()
+        .position(|property| matches!(property.kind, Kind::Scalar(_)) && property.name == DISTANCE);
     for i in 0..element.count {
         let (mut row, mut distance) = ([0.0; 7], 0.0);
         let line = body.record(element, i, |column, value| {

@@ -8,7 +8,10 @@ use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::vector::bits;
 
 pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, Error> {
-    let mut mesh = TriangleMesh::default();
+    let mut mesh = TriangleMesh {
+        space: stl::space(bytes),
+        ..TriangleMesh::default()
+    };
     let mut indices = HashMap::new();
     let mut corners = Vec::new();
     stl::corners(bytes, |corner, line| {

@@ -2,7 +2,8 @@
 //!
 //! One node, one mesh, one buffer: positions, then normals, then indices. glTF knows 32-bit
 //! coordinates only, so a mesh far from the origin is stored around its middle and the node is
-//! moved there.
+//! moved there. glTF has y upwards and metres: where frame and unit are known, the node has the matrix that
+//! leads there, and names the frame that the stored coordinates belong to.
 
 use std::io::{self, Write};
 
@@ -10,7 +11,8 @@ use serde_json::{Value, json};
 
 use super::{count_u32, fits_f32, has_normals, to_f32, write_f32};
 use crate::reconstruction::mesh::TriangleMesh;
-use crate::reconstruction::vector::{Vec3, sub};
+use crate::reconstruction::space::{Frame, Space};
+use crate::reconstruction::vector::{Vec3, multiplied, scale, sub};
 
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
@@ -96,7 +98,10 @@ fn document(mesh: &TriangleMesh, translation: Option<Vec3>) -> Value {
         ELEMENT_ARRAY_BUFFER,
     ));
     let mut node = json!({"mesh": 0});
-    if let Some(translation) = translation {
+    if let Some(matrix) = upright(mesh.space, translation.unwrap_or_default()) {
+        node["matrix"] = json!(matrix);
+        node["extras"] = json!({"space": mesh.space, "offset": translation});
+    } else if let Some(translation) = translation {
         node["translation"] = json!(translation);
     }
     json!({
@@ -111,6 +116,19 @@ fn document(mesh: &TriangleMesh, translation: Option<Vec3>) -> Value {
         "bufferViews": views,
         "buffers": [{"byteLength": binary_length(mesh)}],
     })
+}
+
+/// The matrix, column by column, that puts stored coordinates, moved by `offset`, upright: x to the left of the
+/// patient, y to the head, z to the front, in metres. None where it is not known where they are now.
+fn upright(space: Space, offset: Vec3) -> Option<[f64; 16]> {
+    let metre = space.unit.millimetres()? / 1000.0;
+    let factors = space.frame.turn(Frame::Lps)?;
+    let [x, y, z] = scale(factors, metre);
+    let [dx, dy, dz] = multiplied(offset, [x, y, z]);
+    let mut matrix = [0.0; 16];
+    (matrix[0], matrix[6], matrix[9]) = (x, -y, z);
+    (matrix[12], matrix[13], matrix[14], matrix[15]) = (dx, dz, 0.0 - dy, 1.0);
+    Some(matrix)
 }
 
 fn view(offset: usize, length: usize, target: u32) -> Value {

@@ -2,17 +2,22 @@
 //!
 //! The same mesh gives the same bytes: no file carries a date, a path or a version.
 
+pub mod dicom;
 mod glb;
 mod obj;
 mod off;
 mod ply;
 mod stl;
+mod three_mf;
+mod vtp;
+mod zip;
 
 use std::fmt::Display;
 use std::io::{self, BufWriter, Write};
 
 use serde::{Deserialize, Serialize};
 
+use self::dicom::Instance;
 use super::TriangleMesh;
 use crate::reconstruction::vector::{Bounds, Vec3};
 
@@ -35,17 +40,28 @@ pub enum Format {
     Off,
     /// glTF 2.0 in one binary file; with normals.
     Glb,
+    /// 3MF, for printing: without normals.
+    #[serde(rename = "3mf")]
+    ThreeMf,
+    /// Polygonal data of VTK; with normals and the distances to the points.
+    Vtp,
+    /// DICOM Encapsulated STL, in LPS and millimetres; only where frame and unit are known.
+    #[serde(rename = "dcm")]
+    Dicom,
 }
 
 impl Format {
     /// All formats.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 9] = [
         Self::PlyBinary,
         Self::PlyAscii,
         Self::Obj,
         Self::Stl,
         Self::Off,
         Self::Glb,
+        Self::ThreeMf,
+        Self::Vtp,
+        Self::Dicom,
     ];
 
     /// Its name in JSON, on the command line and in URLs.
@@ -57,6 +73,9 @@ impl Format {
             Self::Stl => "stl",
             Self::Off => "off",
             Self::Glb => "glb",
+            Self::ThreeMf => "3mf",
+            Self::Vtp => "vtp",
+            Self::Dicom => "dcm",
         }
     }
 
@@ -77,15 +96,12 @@ impl Format {
     /// Ending of its file names, without the dot.
     pub fn extension(self) -> &'static str {
         match self {
-            Self::PlyBinary | Self::PlyAscii => "ply",
-            Self::Obj => "obj",
-            Self::Stl => "stl",
-            Self::Off => "off",
-            Self::Glb => "glb",
+            Self::PlyAscii => "ply",
+            named => named.name(),
         }
     }
 
-    /// Media type; PLY and OFF have no registered one.
+    /// Media type; PLY, OFF and VTP have no registered one.
     pub fn media_type(self) -> &'static str {
         match self {
             Self::PlyBinary | Self::PlyAscii => "application/x-ply",
@@ -93,6 +109,9 @@ impl Format {
             Self::Stl => "model/stl",
             Self::Off => "application/x-off",
             Self::Glb => "model/gltf-binary",
+            Self::ThreeMf => "model/3mf",
+            Self::Vtp => "application/x-vtp",
+            Self::Dicom => "application/dicom",
         }
     }
 }
@@ -100,8 +119,9 @@ impl Format {
 /// Writes `mesh` to `out`, buffered.
 ///
 /// # Errors
-/// What `out` reports; `InvalidInput` where the mesh has more than the 32-bit counts of STL and GLB
-/// can hold, or lies so far from the origin that the 32-bit coordinates of STL would tear it.
+/// What `out` reports; `InvalidInput` where the mesh has more than the 32-bit counts of STL, GLB and 3MF
+/// can hold, lies so far from the origin that the 32-bit coordinates of STL would tear it, or does not say
+/// its frame, which DICOM needs.
 pub fn write(mesh: &TriangleMesh, format: Format, out: &mut dyn Write) -> io::Result<()> {
     let mut out = BufWriter::with_capacity(1 << 16, out);
     match format {
@@ -111,6 +131,9 @@ pub fn write(mesh: &TriangleMesh, format: Format, out: &mut dyn Write) -> io::Re
         Format::Stl => stl::write(mesh, &mut out),
         Format::Off => off::write(mesh, &mut out),
         Format::Glb => glb::write(mesh, &mut out),
+        Format::ThreeMf => three_mf::write(mesh, &mut out),
+        Format::Vtp => vtp::write(mesh, &mut out),
+        Format::Dicom => dicom::write(mesh, &Instance::of(mesh), &mut out),
     }?;
     out.flush()
 }
@@ -131,7 +154,8 @@ fn fits_f32(mesh: &TriangleMesh) -> bool {
 pub fn holds(format: Format, bounds: &Bounds, edge: f64) -> bool {
     /// Most that a coordinate may be moved, as a share of an edge.
     const MOST: f64 = 1.0 / 64.0;
-    format != Format::Stl || largest(bounds) * f64::from(f32::EPSILON) <= MOST * edge
+    !matches!(format, Format::Stl | Format::Dicom)
+        || largest(bounds) * f64::from(f32::EPSILON) <= MOST * edge
 }
 
 fn largest(bounds: &Bounds) -> f64 {
@@ -142,6 +166,15 @@ fn largest(bounds: &Bounds) -> f64 {
 /// Whether every vertex has a normal.
 fn has_normals(mesh: &TriangleMesh) -> bool {
     !mesh.normals.is_empty() && mesh.normals.len() == mesh.vertices.len()
+}
+
+/// The distances to the points; none unless every vertex has one.
+fn distances(mesh: &TriangleMesh) -> &[f64] {
+    if mesh.distance_to_points.len() == mesh.vertices.len() {
+        &mesh.distance_to_points
+    } else {
+        &[]
+    }
 }
 
 fn to_f32(v: Vec3) -> [f32; 3] {

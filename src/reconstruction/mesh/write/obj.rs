@@ -7,6 +7,9 @@ use crate::reconstruction::mesh::TriangleMesh;
 
 pub(super) fn write(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
     writeln!(out, "# Meshway")?;
+    for tag in mesh.space.tags() {
+        writeln!(out, "# {tag}")?;
+    }
     let short = fits_f32(mesh);
     for &vertex in &mesh.vertices {
         out.write_all(b"v ")?;

@@ -3,8 +3,8 @@
 
 use std::io::{self, Write};
 
-use super::{fits_f32, has_normals, to_f32, write_f32, write_tables};
-use crate::reconstruction::mesh::{PLY_DISTANCE, TriangleMesh};
+use super::{distances, fits_f32, has_normals, to_f32, write_f32, write_tables};
+use crate::reconstruction::mesh::{DISTANCE, TriangleMesh};
 
 pub(super) fn write_binary(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
     let short = fits_f32(mesh);
@@ -43,15 +43,6 @@ pub(super) fn write_ascii(mesh: &TriangleMesh, out: &mut impl Write) -> io::Resu
     write_tables(mesh, has_normals(mesh), distances(mesh), out)
 }
 
-/// The distances to the points; none unless every vertex has one.
-fn distances(mesh: &TriangleMesh) -> &[f64] {
-    if mesh.distance_to_points.len() == mesh.vertices.len() {
-        &mesh.distance_to_points
-    } else {
-        &[]
-    }
-}
-
 fn header(
     mesh: &TriangleMesh,
     encoding: &str,
@@ -60,6 +51,9 @@ fn header(
 ) -> io::Result<()> {
     let coordinate = if short { "float" } else { "double" };
     writeln!(out, "ply\nformat {encoding} 1.0\ncomment Meshway")?;
+    for tag in mesh.space.tags() {
+        writeln!(out, "comment {tag}")?;
+    }
     writeln!(out, "element vertex {}", mesh.vertices.len())?;
     for name in ["x", "y", "z"] {
         writeln!(out, "property {coordinate} {name}")?;
@@ -71,7 +65,7 @@ fn header(
         )?;
     }
     if !distances(mesh).is_empty() {
-        writeln!(out, "property {coordinate} {PLY_DISTANCE}")?;
+        writeln!(out, "property {coordinate} {DISTANCE}")?;
     }
     writeln!(out, "element face {}", mesh.triangles.len())?;
     // Signed, as the format's own examples have it: some programs read nothing else.

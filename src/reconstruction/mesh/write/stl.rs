@@ -15,9 +15,12 @@ pub(super) fn write(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()>
         ));
     }
     // Not "solid": that is how the text variant begins.
-    let mut title = [b' '; 80];
-    title[..7].copy_from_slice(b"Meshway");
-    out.write_all(&title)?;
+    let mut title = "Meshway".to_owned();
+    for tag in mesh.space.tags() {
+        title.push(' ');
+        title.push_str(&tag);
+    }
+    write!(out, "{title:80}")?;
     out.write_all(&count_u32(mesh.triangles.len())?.to_le_bytes())?;
     for t in 0..mesh.triangles.len() {
         // Zero where a triangle has no area: the format lets the reader find the normal then.
@@ -29,6 +32,11 @@ pub(super) fn write(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()>
         out.write_all(&[0, 0])?;
     }
     Ok(())
+}
+
+/// Bytes of a file.
+pub(super) fn length(mesh: &TriangleMesh) -> usize {
+    84 + 50 * mesh.triangles.len()
 }
 
 /// Whether rounding to 32 bits moves vertices by little of a mean edge.

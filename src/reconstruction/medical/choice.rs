@@ -1,0 +1,181 @@
+//! Which part of a file a surface is made of.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Item, Kind, Parts};
+use crate::reconstruction::cloud::Error;
+
+/// Most items that a message lists.
+const LISTED: usize = 8;
+
+/// A part of a file, named as the user knows it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Choice {
+    /// Value of a label.
+    Label(i64),
+    /// Name or number of a segment.
+    Segment(String),
+    /// Name or number of a region of interest.
+    Roi(String),
+}
+
+impl Choice {
+    /// Reads the form `label:5`, `segment:Liver`, `roi:Heart`.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let form = "must have the form label:5, segment:NAME or roi:NAME";
+        let (kind, what) = text.split_once(':').ok_or(form)?;
+        match kind {
+            _ if what.is_empty() => Err(form.to_owned()),
+            "label" => {
+                let value = what.parse();
+                value
+                    .map(Self::Label)
+                    .map_err(|_| "the label must be a whole number".to_owned())
+            }
+            "segment" => Ok(Self::Segment(what.to_owned())),
+            "roi" => Ok(Self::Roi(what.to_owned())),
+            _ => Err(form.to_owned()),
+        }
+    }
+
+    fn chooses(&self, item: &Item) -> bool {
+        match self {
+            Self::Label(value) => item.number == *value,
+            Self::Segment(name) | Self::Roi(name) => item.name.as_ref() == Some(name),
+        }
+    }
+
+    fn by_number(&self, item: &Item) -> bool {
+        match self {
+            Self::Label(_) => false,
+            Self::Segment(name) | Self::Roi(name) => name.parse() == Ok(item.number),
+        }
+    }
+}
+
+impl fmt::Display for Choice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Label(value) => write!(f, "label {value}"),
+            Self::Segment(name) => write!(f, "segment {}", shown(name)),
+            Self::Roi(name) => write!(f, "ROI {}", shown(name)),
+        }
+    }
+}
+
+impl Parts {
+    /// The item that is chosen; without a choice the only one.
+    ///
+    /// # Errors
+    /// [`Error::SourceMissing`] and [`Error::SourceUnknown`], both with what there is.
+    pub fn choose(&self, choice: Option<&Choice>) -> Result<usize, Error> {
+        let filled = |item: &Item| item.slices > 0;
+        let Some(choice) = choice else {
+            let mut all = self
+                .items
+                .iter()
+                .enumerate()
+                .filter(|(_, item)| filled(item));
+            return match (all.next(), all.next()) {
+                (Some((only, _)), None) => Ok(only),
+                (None, _) => Err(Error::Slices("nothing is labelled".to_owned())),
+                (Some(_), Some(_)) => Err(Error::SourceMissing(format!(
+                    "the file holds {}; choose one",
+                    self.listed()
+                ))),
+            };
+        };
+        let positions = |is: &dyn Fn(&Item) -> bool| -> Vec<usize> {
+            let items = self.items.iter().enumerate();
+            items.filter(|(_, item)| is(item)).map(|(i, _)| i).collect()
+        };
+        let mut found = positions(&|item| choice.chooses(item));
+        if found.is_empty() {
+            found = positions(&|item| choice.by_number(item));
+        }
+        match found[..] {
+            [only] if filled(&self.items[only]) => Ok(only),
+            [_] => Err(Error::SourceUnknown(format!("{choice} is empty"))),
+            [] => Err(Error::SourceUnknown(format!(
+                "there is no {choice}; the file holds {}",
+                self.listed()
+            ))),
+            _ => Err(Error::SourceUnknown(format!(
+                "{choice} is there {} times; choose by the number",
+                found.len()
+            ))),
+        }
+    }
+
+    /// The items in words, as far as a message has room.
+    fn listed(&self) -> String {
+        let one = |item: &Item| match &item.name {
+            Some(name) => format!("{} ({})", item.number, shown(name)),
+            None => item.number.to_string(),
+        };
+        let kind = match self.kind {
+            Kind::Labels => "labels",
+            Kind::Segments => "segments",
+            Kind::Rois => "ROIs",
+        };
+        let first: Vec<_> = self.items.iter().take(LISTED).map(one).collect();
+        let more = match self.items.len().saturating_sub(LISTED) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        format!("the {kind} {}{more}", first.join(", "))
+    }
+}
+
+/// A name as a message shows it: it may be anything.
+fn shown(name: &str) -> String {
+    let clean = name.chars().filter(|c| !c.is_control());
+    clean.take(16).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parts() -> Parts {
+        let item = |number, name: &str, slices| Item {
+            number,
+            name: Some(name.to_owned()),
+            color: None,
+            voxels: None,
+            contours: Some(1),
+            slices,
+            volume_mm3: 1.0,
+        };
+        let items = vec![item(1, "Heart", 3), item(2, "Lung", 4), item(3, "Lung", 4)];
+        Parts {
+            kind: Kind::Rois,
+            items,
+        }
+    }
+
+    #[test]
+    fn a_choice_is_by_name_or_number() {
+        let parts = parts();
+        let choose = |text: &str| parts.choose(Some(&Choice::parse(text).unwrap()));
+        assert_eq!(choose("roi:Heart").unwrap(), 0);
+        assert_eq!(choose("roi:2").unwrap(), 1);
+        assert_eq!(choose("label:3").unwrap(), 2);
+        assert_eq!(choose("roi:Lung").unwrap_err().code(), "source_unknown");
+        assert_eq!(choose("label:9").unwrap_err().code(), "source_unknown");
+        assert_eq!(parts.choose(None).unwrap_err().code(), "source_missing");
+    }
+
+    #[test]
+    fn other_forms_are_none() {
+        for text in ["", "5", "label:", "label:x", "mask:1"] {
+            assert!(Choice::parse(text).is_err(), "{text}");
+        }
+    }
+}

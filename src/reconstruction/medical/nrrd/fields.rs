@@ -1,0 +1,110 @@
+//! The header of NRRD: lines of `field: value` and `key:=value` up to an empty one.
+
+use std::collections::HashMap;
+
+use crate::reconstruction::cloud::Error;
+use crate::reconstruction::medical::affine::header;
+
+/// Longest header; those of segmentations grow with the number of segments.
+const LONGEST: usize = 8 << 20;
+
+/// What a header says, by the names of fields and keys.
+#[derive(Debug, Default)]
+pub(super) struct Fields<'a>(HashMap<&'a str, &'a str>);
+
+impl<'a> Fields<'a> {
+    /// The header, and what comes behind it.
+    ///
+    /// # Errors
+    /// [`Error::Header`] without an end, [`Error::UnsupportedFormat`] for data in other files.
+    pub(super) fn of(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Error> {
+        let mut fields = HashMap::new();
+        let mut rest = bytes;
+        loop {
+            let end = rest.iter().take(LONGEST).position(|&b| b == b'\n');
+            let end =
+                end.ok_or_else(|| header("the header has no end: an empty line must follow it"))?;
+            let line = rest[..end].strip_suffix(b"\r").unwrap_or(&rest[..end]);
+            rest = &rest[end + 1..];
+            if line.is_empty() {
+                break;
+            }
+            // A name in another encoding than UTF-8 must not make the whole file useless.
+            let Ok(line) = std::str::from_utf8(line) else {
+                continue;
+            };
+            if line.starts_with('#') {
+                continue;
+            }
+            if let Some((key, value)) = line.split_once(":=") {
+                fields.insert(key.trim(), value.trim());
+            } else if let Some((field, value)) = line.split_once(": ").or(line.split_once(':')) {
+                fields.insert(field.trim(), value.trim());
+            }
+        }
+        if fields.contains_key("data file") || fields.contains_key("datafile") {
+            return Err(Error::UnsupportedFormat(
+                "the data lie in another file; save both as one .nrrd".to_owned(),
+            ));
+        }
+        Ok((Self(fields), rest))
+    }
+
+    pub(super) fn get(&self, name: &str) -> Option<&'a str> {
+        self.0.get(name).copied()
+    }
+
+    pub(super) fn needed(&self, name: &str) -> Result<&'a str, Error> {
+        self.get(name)
+            .ok_or_else(|| header(format!("{name} is missing")))
+    }
+
+    pub(super) fn keys(&self) -> impl Iterator<Item = &'a str> + '_ {
+        self.0.keys().copied()
+    }
+}
+
+/// Vectors in brackets, or `none`; `None` for anything else.
+pub(super) fn vectors(text: &str) -> Option<Vec<Option<Vec<f64>>>> {
+    let mut vectors = Vec::new();
+    let mut rest = text.trim();
+    while !rest.is_empty() {
+        if let Some(after) = rest.strip_prefix("none") {
+            vectors.push(None);
+            rest = after.trim_start();
+        } else {
+            let (inside, after) = rest.strip_prefix('(')?.split_once(')')?;
+            let numbers: Result<Vec<f64>, _> =
+                inside.split(',').map(|n| n.trim().parse()).collect();
+            vectors.push(Some(numbers.ok()?));
+            rest = after.trim_start();
+        }
+    }
+    Some(vectors)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vectors_are_read_with_none() {
+        let read = vectors("none (1, 0,0) (0,-1.5,0)").unwrap();
+        assert_eq!(
+            read,
+            [None, Some(vec![1.0, 0.0, 0.0]), Some(vec![0.0, -1.5, 0.0])]
+        );
+        assert_eq!(vectors("(1,2"), None);
+        assert_eq!(vectors("1,2"), None);
+    }
+
+    #[test]
+    fn fields_and_keys_are_told_apart() {
+        let (fields, rest) =
+            Fields::of(b"NRRD0004\r\ntype: short\r\nA_b:=c: d\r\n\r\nxyz").unwrap();
+        assert_eq!(fields.get("type"), Some("short"));
+        assert_eq!(fields.get("A_b"), Some("c: d"));
+        assert_eq!(rest, b"xyz");
+        assert!(Fields::of(b"NRRD0004\ntype: short\n").is_err());
+    }
+}
