@@ -16,7 +16,7 @@ export interface paths {
         put?: never;
         /**
          * Upload a cloud.
-         * @description The body is the file itself, or a form with one part `file`. Its content decides on the format (PLY, XYZ, CSV, PTS and PTX text, OBJ, OFF, STL, PCD, NPY; each may be gzipped), the name's ending only where the content leaves it open. It is read at once, so that a bad file is refused here. The same bytes are kept once.
+         * @description The body is the file itself, or a form with one part `file`. Its content decides on the format (PLY, XYZ, CSV, PTS and PTX text, OBJ, OFF, STL, PCD, NPY, VTK, VTP, NIfTI, NRRD, MHA, DICOM SEG and RT-STRUCT; each may be gzipped), the name's ending only where the content leaves it open. It is read at once, so that a bad file is refused here. The same bytes are kept once.
          */
         post: operations["createCloud"];
         delete?: never;
@@ -278,7 +278,7 @@ export interface paths {
         };
         /**
          * The mesh, as `Accept` asks for it.
-         * @description Without a wish it is binary PLY, whose vertices have the property `distance_to_points`: the distance to the nearest surface point of the cloud, in its unit, small where the surface was measured.
+         * @description Without a wish it is binary PLY, whose vertices have the property `distance_to_points`: the distance to the nearest surface point of the cloud, in its unit, small where the surface was measured. VTP has it too. DICOM needs the frame of the cloud: without it, `not_acceptable`.
          */
         get: operations["getMesh"];
         put?: never;
@@ -306,6 +306,29 @@ export interface paths {
          * @description The same bytes every time: the strong ETag is their SHA-256.
          */
         get: operations["getMeshAs"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/jobs/{id}/mask.nii.gz": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a job. */
+                id: components["parameters"]["JobId"];
+            };
+            cookie?: never;
+        };
+        /**
+         * The mesh as a label map on the voxels of its source.
+         * @description NIfTI-1, gzipped: 1 where the centre of a voxel is inside the mesh, 0 elsewhere, with the affine of the label map that the job was given. `not_found` where the cloud is no label map or the mesh is not closed.
+         */
+        get: operations["getMask"];
         put?: never;
         post?: never;
         delete?: never;
@@ -623,8 +646,18 @@ export interface components {
         };
         /** @enum {string} */
         PresetName: "balanced" | "fast" | "fine" | "paper";
+        /**
+         * @description Which way the axes point in a patient. lps: x to the left, y to the back, z to the head. ras: x to the right, y to the front. unknown: the file does not say it.
+         * @enum {string}
+         */
+        Frame: "lps" | "ras" | "unknown";
+        /**
+         * @description What a length of 1 is, as far as the file says it.
+         * @enum {string}
+         */
+        Unit: "um" | "mm" | "cm" | "m" | "unknown";
         /** @enum {string} */
-        MeshFormat: "ply" | "obj" | "stl" | "off" | "glb";
+        MeshFormat: "ply" | "obj" | "stl" | "off" | "glb" | "3mf" | "vtp" | "dcm";
         /** @enum {string} */
         Status: "queued" | "running" | "succeeded" | "failed" | "cancelled";
         /** @enum {string} */
@@ -679,15 +712,15 @@ export interface components {
             errors: components["schemas"]["ProblemError"][];
         };
         /** @enum {string} */
-        ProblemCode: "malformed_json" | "malformed_multipart" | "bad_header" | "bad_cursor" | "body_broken_off" | "cross_origin_refused" | "not_found" | "method_not_allowed" | "not_acceptable" | "upload_timeout" | "result_not_ready" | "model_unreadable" | "cloud_in_use" | "idempotency_in_flight" | "gone" | "precondition_failed" | "body_too_large" | "too_many_points" | "unsupported_format" | "unsupported_encoding" | "range_not_satisfiable" | "host_not_allowed" | "request_invalid" | "idempotency_mismatch" | "cloud_missing" | "cloud_empty" | "cloud_too_few_points" | "cloud_degenerate" | "cloud_filled" | "cloud_not_finite" | "cloud_too_large" | "cloud_truncated" | "cloud_header" | "cloud_row" | "cloud_no_coordinates" | "normals_invalid" | "settings_invalid" | "settings_conflict" | "grid_too_large" | "training_too_large" | "rate_limited" | "quota" | "internal" | "queue_full" | "draining" | "not_ready" | "database_busy" | "insufficient_storage" | "training_diverged" | "no_surface" | "mesh_too_large" | "out_of_memory" | "time_limit" | "worker_crashed";
+        ProblemCode: "malformed_request" | "malformed_json" | "malformed_multipart" | "bad_header" | "bad_cursor" | "body_broken_off" | "cross_origin_refused" | "not_found" | "method_not_allowed" | "not_acceptable" | "upload_timeout" | "result_not_ready" | "model_unreadable" | "cloud_in_use" | "idempotency_in_flight" | "gone" | "precondition_failed" | "body_too_large" | "too_many_points" | "unsupported_format" | "unsupported_encoding" | "range_not_satisfiable" | "host_not_allowed" | "request_invalid" | "idempotency_mismatch" | "cloud_missing" | "cloud_empty" | "cloud_too_few_points" | "cloud_degenerate" | "cloud_filled" | "slices_unusable" | "cloud_not_finite" | "cloud_too_large" | "cloud_truncated" | "cloud_header" | "cloud_row" | "cloud_no_coordinates" | "orientation_missing" | "source_missing" | "source_unknown" | "normals_invalid" | "settings_invalid" | "settings_conflict" | "grid_too_large" | "training_too_large" | "rate_limited" | "quota" | "head_too_large" | "internal" | "queue_full" | "draining" | "not_ready" | "database_busy" | "insufficient_storage" | "training_diverged" | "no_surface" | "mesh_too_large" | "out_of_memory" | "time_limit" | "worker_crashed";
         Cloud: {
             id: components["schemas"]["CloudId"];
             sha256: components["schemas"]["Sha256"];
             bytes: number;
             /** @enum {string} */
-            format: "ply" | "xyz" | "obj" | "off" | "stl" | "pcd" | "npy";
+            format: "ply" | "xyz" | "obj" | "off" | "stl" | "pcd" | "npy" | "nifti" | "nrrd" | "mha" | "dicom" | "vtk" | "vtp";
             gzipped?: boolean | null;
-            /** @description Points that are used. */
+            /** @description Points that are used; 0 for a segmentation, whose points are made for each job. */
             points: number;
             /** @description Smallest box around them. */
             bounds: components["schemas"]["Bounds"] | null;
@@ -699,12 +732,67 @@ export interface components {
                 interior?: number;
                 exterior?: number;
             } | null;
+            frame?: components["schemas"]["Frame"];
+            unit?: components["schemas"]["Unit"];
             /** @description Points left out because a coordinate is not finite. */
             dropped_non_finite: number | null;
-            /** @description What is used otherwise than it was sent, with counts: `points_not_finite`, `duplicate_points`, `normals_not_finite`, `normals_zero`, `normals_not_unit`, `normals_ignored`; how columns were understood: `columns_ignored`, `columns_ambiguous`, `header_ignored`, `preamble_skipped`, `labels_used`, `labels_ignored`, `array_transposed`, `format_by_content`; `coordinates_coarse`: digits were lost. */
+            /** @description What is used otherwise than it was sent, with counts: `points_not_finite`, `duplicate_points`, `normals_not_finite`, `normals_zero`, `normals_not_unit`, `normals_ignored`; how columns were understood: `columns_ignored`, `columns_ambiguous`, `header_ignored`, `preamble_skipped`, `labels_used`, `labels_ignored`, `array_transposed`, `format_by_content`; `coordinates_coarse`: digits were lost; of a segmentation: `qform_differs`, `space_missing`, `directions_missing`, `unit_converted`, `voxels_not_finite`, `frames_repeated`, `contours_too_short`, `contours_open`, `contours_not_parallel`, `contours_repeated`, `contours_damaged`. */
             warnings: components["schemas"]["Warning"][] | null;
+            /** @description What a medical file holds; null for points. */
+            segmentation?: components["schemas"]["Segmentation"] | null;
             created_at: components["schemas"]["Time"];
             links: components["schemas"]["Links"];
+        };
+        /** @description Labels, segments or regions of interest. A job makes a surface of one of them, its `source`. */
+        Segmentation: {
+            /** @enum {string} */
+            kind: "labels" | "segments" | "rois";
+            items: components["schemas"]["SegmentationItem"][];
+            /** @description Voxels along the axes of the file; of DICOM columns, rows and slices. */
+            size?: number[];
+            spacing?: components["schemas"]["Vec3"];
+            /** @description Where the axes of the file lead, as RAS. */
+            orientation?: string;
+            /** @description From the index of a voxel to millimetres of the patient, where slices are evenly spaced. */
+            affine?: {
+                /** @description From a voxel to the next one along each axis. */
+                steps: components["schemas"]["Vec3"][];
+                origin: components["schemas"]["Vec3"];
+            };
+            /** @description Whether the file does not say how it lies in the patient, and was taken as it is. */
+            assumed_orientation: boolean;
+            /**
+             * @description Frame of the coordinates: x to the left, y to the back, z to the head.
+             * @enum {string}
+             */
+            frame: "lps";
+            /** @enum {string} */
+            unit: "mm";
+        };
+        SegmentationItem: {
+            /** @description Value of the label, or number of the segment or region. */
+            number: number;
+            name?: string;
+            color?: string;
+            voxels?: number;
+            contours?: number;
+            /** @description Slices in which it is. */
+            slices: number;
+            volume_mm3: number;
+        };
+        /**
+         * @description The part of a medical file that a surface is made of, by exactly one member. Needed where there are several.
+         * @example {
+         *       "label": 5
+         *     }
+         */
+        Source: {
+            /** @description Value of a label, or number of a segment or region. */
+            label?: number;
+            /** @description Name of a segment; its number where no segment has that name. */
+            segment?: string;
+            /** @description Name of a region of interest; its number where none has that name. */
+            roi?: string;
         };
         /** @description Addresses of what belongs to it. */
         Links: {
@@ -729,11 +817,13 @@ export interface components {
             preset?: components["schemas"]["PresetName"];
             settings?: components["schemas"]["Settings"];
             labels?: components["schemas"]["Labels"];
+            source?: components["schemas"]["Source"];
         };
         Retry: {
             preset?: components["schemas"]["PresetName"];
             settings?: components["schemas"]["Settings"];
             labels?: components["schemas"]["Labels"];
+            source?: components["schemas"]["Source"];
         };
         /** @description The settings as they would be, and an estimate. */
         DryRun: {
@@ -778,6 +868,11 @@ export interface components {
                 block_width?: number;
                 /** @description Number of its hidden layers. */
                 block_layers?: number;
+                /**
+                 * @description What the networks of blocks are told of the field of the network that fits the whole, the coarse field. none: nothing, they fit distances. residual: they fit what the coarse field leaves of the distances.
+                 * @enum {string}
+                 */
+                coarse_input?: "none" | "residual";
                 /** @description hw and sqrhw put the residual on hidden layers 1, 1 + n, 1 + 2n, …; 1 puts it on all. */
                 residual_every?: number;
                 /**
@@ -902,6 +997,8 @@ export interface components {
             preset: components["schemas"]["PresetName"];
             settings: components["schemas"]["Settings"];
             labels: components["schemas"]["Labels"];
+            /** @description The part of the file that was chosen. */
+            source?: components["schemas"]["Source"] | null;
             /** @description The job of which this is a retry. */
             derived_from: components["schemas"]["JobId"] | null;
             created_at: components["schemas"]["Time"];
@@ -929,6 +1026,12 @@ export interface components {
             warnings?: components["schemas"]["Warnings"] | null;
             /** @description What the mesh is; null until it has succeeded. */
             mesh?: components["schemas"]["MeshSummary"] | null;
+            /** @description How the cloud was made from the slices of a segmentation, and how the mesh agrees with them; null until it has succeeded, and for clouds that were given as points. */
+            slices?: components["schemas"]["SlicesReport"] | null;
+            /** @description Frame of the mesh; null until it has succeeded, and for jobs of versions that gave none. */
+            frame?: components["schemas"]["Frame"] | null;
+            /** @description Unit of the mesh, likewise. */
+            unit?: components["schemas"]["Unit"] | null;
             /** @description Why it failed. */
             error: components["schemas"]["Problem"] | null;
             links: components["schemas"]["Links"];
@@ -1028,6 +1131,8 @@ export interface components {
                 vertices?: number;
                 triangles?: number;
                 bytes?: number;
+                /** @description How far it can be relied on. */
+                verdict?: components["schemas"]["Verdict"] | null;
             };
         };
         /** @description It goes on all the same. */
@@ -1058,6 +1163,10 @@ export interface components {
                 warnings?: components["schemas"]["Warnings"] | null;
                 /** @description What the mesh is; null until it has succeeded. */
                 mesh?: components["schemas"]["MeshSummary"] | null;
+                /** @description Frame of the mesh; null until it has succeeded, and for jobs of versions that gave none. */
+                frame?: components["schemas"]["Frame"] | null;
+                /** @description Unit of the mesh, likewise. */
+                unit?: components["schemas"]["Unit"] | null;
             };
         };
         /** @description The last event: it has an error. */
@@ -1140,6 +1249,21 @@ export interface components {
             verdict_reasons?: components["schemas"]["Warnings"];
             /** @description All that the run warned of, the reading of the file included. */
             warnings?: components["schemas"]["Warnings"];
+            /** @description Frame of the cloud and the mesh. */
+            frame?: components["schemas"]["Frame"];
+            /** @description Unit of the cloud and the mesh. */
+            unit?: components["schemas"]["Unit"];
+            /** @description The voxels of the label map that the cloud was made of; only there for label maps. */
+            grid?: {
+                /** @description Voxels along each axis, the fastest first. */
+                size: number[];
+                /** @description From the indices of a voxel to its centre, in millimetres of the patient (LPS): a row each for x, y and z. */
+                affine: number[][];
+            };
+            /** @description Patient, study and frame of reference of a DICOM file, as its attributes have them; only there where they were asked to be kept. */
+            identifiers?: {
+                [key: string]: string;
+            };
             network?: components["schemas"]["NetworkReport"];
             /** @description The networks of blocks that refine its field; null where it was enough. */
             blocks?: {
@@ -1162,6 +1286,8 @@ export interface components {
             versions?: components["schemas"]["RunVersions"];
             /** @description The files that were read. */
             inputs?: components["schemas"]["ReportInput"][];
+            /** @description The slices that the cloud was made of; absent for clouds that were given as points. */
+            slices?: components["schemas"]["SlicesReport"];
             settings?: components["schemas"]["Settings"];
             /** @description What evaluated loss and gradient. */
             engine?: string;
@@ -1204,6 +1330,8 @@ export interface components {
             bytes: number;
             sha256: components["schemas"]["Sha256"];
             created_at: components["schemas"]["Time"];
+            /** @description How far it can be relied on; null in snapshots of earlier versions. */
+            verdict?: components["schemas"]["Verdict"] | null;
             links: components["schemas"]["Links"];
         };
         PresetEntry: {
@@ -1229,7 +1357,7 @@ export interface components {
             grid_bytes: number;
             /** @description Memory of the training: what its engine keeps, and the pairs of L-BFGS. */
             training_bytes: number;
-            /** @description Longest time of the training; one that converges ends sooner. */
+            /** @description Longest time of the training on cores of its own; one that converges ends sooner. */
             max_training_seconds: number;
             /** @description Blocks that the cloud is cut into where one network leaves too much of it; 0 where it never is. */
             blocks: number;
@@ -1271,6 +1399,41 @@ export interface components {
             width?: number;
             /** @description Trained numbers in all. */
             parameters?: number;
+        };
+        /** @description How the cloud was made from the slices of a segmentation, and how the mesh agrees with them. Lengths are in millimetres. */
+        SlicesReport: {
+            /** @description Slices that show the label and were used. */
+            slices: number;
+            /** @description Usual distance between them. */
+            slice_distance: number;
+            /** @description Length of a column and of a row. */
+            pixel_size: number[];
+            /** @description Pixels that the label fills, fractions added up; null of contours. */
+            voxels: number | null;
+            /** @description Volume of the label slice by slice: its area in each times the thickness that the slice stands for. */
+            volume: number;
+            /** @description Points on its contours. */
+            contour_points: number;
+            /** @description Distance that the points which were kept of them have from each other at least. */
+            thinning_radius: number;
+            /** @description How many were kept: the surface points of the cloud. */
+            surface_points: number;
+            /** @description Places that the slices show to be inside. */
+            interior_points: number;
+            /** @description Places that they show to be outside. */
+            exterior_points: number;
+            /** @description How many slices of the file stand for one slice of the data; 1 unless slices were repeated. */
+            slices_repeated: number;
+            /** @description Gaps in the stack where slices are missing. */
+            gaps: number;
+            /** @description Contours of fewer than three points. */
+            contours_ignored: number;
+            /** @description Faces of the volume that the label touches: the surface there is invented. */
+            invented_at: ("first_column" | "last_column" | "first_row" | "last_row" | "first_slice" | "last_slice")[];
+            /** @description Dice of the label and the mesh, by pixel centres: 1 where they are the same. */
+            dice: number | null;
+            /** @description How much larger the mesh is than `volume`; null of a mesh that is not closed. */
+            volume_change_percent: number | null;
         };
         /** @description What the points tell of themselves. */
         CloudReport: {
@@ -1460,14 +1623,22 @@ export interface components {
             header_seconds: number;
             /** @description Of an upload, as sent and decompressed. */
             body_bytes: number;
-            /** @description Without a byte of a body. */
+            /** @description In which a body must bring its least bytes. */
             upload_idle_seconds: number;
+            /** @description Least rate of a body, over that time. */
+            upload_bytes_per_second: number;
+            /** @description Without a byte that a client takes of its answer. */
+            download_idle_seconds: number;
             /** @description Most bytes that a compressed byte may become, beyond the first MiB. */
             decompression_ratio: number;
             /** @description Of the header of a PLY file. */
             cloud_header_bytes: number;
             /** @description Of a cloud. */
             points: number;
+            /** @description Of a cloud, on its surface. */
+            least_points: number;
+            /** @description Of a mesh. */
+            mesh_triangles: number;
             /** @description Of a JSON body, and of the part `job` of a form. */
             settings_bytes: number;
             /** @description Of a job. */
@@ -1502,6 +1673,8 @@ export interface components {
             metrics_per_job: number;
             /** @description Open at the same time. */
             event_streams: number;
+            /** @description Open at the same time for one address. */
+            event_streams_per_client: number;
             /** @description Of a request for values of the field. */
             field_bytes: number;
             /** @description Of a request for values of the field. */
@@ -1532,9 +1705,10 @@ export interface components {
         };
     };
     responses: {
-        /** @description What went wrong: `method_not_allowed` (405, with `Allow`), `rate_limited`, `quota` (429), `internal` (500), `database_busy`, `draining` (503); `host_not_allowed` (421) for a `Host` that the service does not go by, `cross_origin_refused` (403) for a change that a page of another site asks for. */
+        /** @description What went wrong: `method_not_allowed` (405, with `Allow`), `rate_limited`, `quota` (429), `malformed_request` (400) for what is no HTTP, `head_too_large` (431), `internal` (500), `database_busy`, `draining` (503); `host_not_allowed` (421) for a `Host` that the service does not go by, `cross_origin_refused` (403) for a change that a page of another site asks for. */
         Problem: {
             headers: {
+                Allow: components["headers"]["Allow"];
                 [name: string]: unknown;
             };
             content: {
@@ -1607,7 +1781,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description `gone`: erased or expired, with when and why. */
+        /** @description `gone`: erased, with when and why. */
         Gone: {
             headers: {
                 [name: string]: unknown;
@@ -1653,7 +1827,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description `request_invalid`, `settings_invalid`, `settings_conflict`, `grid_too_large`, `training_too_large`, `idempotency_mismatch`, `cloud_missing`; of a file `cloud_empty`, `cloud_too_few_points`, `cloud_degenerate`, `cloud_filled`, `cloud_not_finite`, `cloud_too_large`, `cloud_truncated`, `cloud_header`, `cloud_row`, `cloud_no_coordinates`, `normals_invalid`. Every violation at once, with its pointer. */
+        /** @description `request_invalid`, `settings_invalid`, `settings_conflict`, `grid_too_large`, `training_too_large`, `idempotency_mismatch`, `cloud_missing`; of a file `cloud_empty`, `cloud_too_few_points`, `cloud_degenerate`, `cloud_filled`, `slices_unusable`, `cloud_not_finite`, `cloud_too_large`, `cloud_truncated`, `cloud_header`, `cloud_row`, `cloud_no_coordinates`, `normals_invalid`; of a medical file `orientation_missing`, `source_missing`, `source_unknown`, the last two with the member `choices`. Every violation at once, with its pointer. */
         Invalid: {
             headers: {
                 [name: string]: unknown;
@@ -1719,6 +1893,10 @@ export interface components {
         };
     };
     parameters: {
+        /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
+        AssumeOrientation: boolean;
+        /** @description Frame of the coordinates. `lps`: x to the left of the patient, y to the back, z to the head; `ras`: x to the right, y to the front. `source`: as the cloud has them. `request_invalid` where the cloud does not say its frame, and for `ras` in DICOM. */
+        Space: "source" | "lps" | "ras";
         /** @description Id of a cloud. */
         CloudId: components["schemas"]["CloudId"];
         /** @description Id of a job. */
@@ -1801,7 +1979,7 @@ export interface components {
         IdempotencyReplayed: string;
         /** @description `no-store`. */
         CacheControl: string;
-        /** @description Methods of the resource. */
+        /** @description Methods of the resource, with 405. */
         Allow: string;
     };
     pathItems: never;
@@ -1816,7 +1994,10 @@ export interface operations {
                 /** @description Most items of the page. */
                 limit?: components["parameters"]["Limit"];
             };
-            header?: never;
+            header?: {
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
             path?: never;
             cookie?: never;
         };
@@ -1825,6 +2006,7 @@ export interface operations {
             /** @description A page of clouds. */
             200: {
                 headers: {
+                    ETag: components["headers"]["ETag"];
                     Link: components["headers"]["Link"];
                     "X-Request-Id": components["headers"]["RequestId"];
                     [name: string]: unknown;
@@ -1833,6 +2015,7 @@ export interface operations {
                     "application/json": components["schemas"]["CloudPage"];
                 };
             };
+            304: components["responses"]["NotModified"];
             400: components["responses"]["BadRequest"];
             422: components["responses"]["Invalid"];
             default: components["responses"]["Problem"];
@@ -1840,7 +2023,10 @@ export interface operations {
     };
     createCloud: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
+                assume_orientation?: components["parameters"]["AssumeOrientation"];
+            };
             header?: {
                 /**
                  * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job or the cloud of that answer was erased.
@@ -1894,7 +2080,10 @@ export interface operations {
     getCloud: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
             path: {
                 /** @description Id of a cloud. */
                 id: components["parameters"]["CloudId"];
@@ -1906,6 +2095,7 @@ export interface operations {
             /** @description The cloud. */
             200: {
                 headers: {
+                    ETag: components["headers"]["ETag"];
                     "X-Request-Id": components["headers"]["RequestId"];
                     [name: string]: unknown;
                 };
@@ -1913,6 +2103,7 @@ export interface operations {
                     "application/json": components["schemas"]["Cloud"];
                 };
             };
+            304: components["responses"]["NotModified"];
             404: components["responses"]["NotFound"];
             410: components["responses"]["Gone"];
             422: components["responses"]["Invalid"];
@@ -2081,7 +2272,10 @@ export interface operations {
                 /** @description Only jobs submitted later. */
                 created_after?: components["schemas"]["Time"];
             };
-            header?: never;
+            header?: {
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
             path?: never;
             cookie?: never;
         };
@@ -2090,6 +2284,7 @@ export interface operations {
             /** @description A page of jobs. */
             200: {
                 headers: {
+                    ETag: components["headers"]["ETag"];
                     Link: components["headers"]["Link"];
                     "X-Request-Id": components["headers"]["RequestId"];
                     [name: string]: unknown;
@@ -2098,6 +2293,7 @@ export interface operations {
                     "application/json": components["schemas"]["JobPage"];
                 };
             };
+            304: components["responses"]["NotModified"];
             400: components["responses"]["BadRequest"];
             422: components["responses"]["Invalid"];
             default: components["responses"]["Problem"];
@@ -2108,6 +2304,13 @@ export interface operations {
             query?: {
                 /** @description Preset of a job whose body is a raw cloud. */
                 preset?: components["schemas"]["PresetName"];
+                /**
+                 * @description The part of a medical file, as `label:5`, `segment:NAME` or `roi:NAME`, in place of the member `source`.
+                 * @example label:5
+                 */
+                source?: string;
+                /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
+                assume_orientation?: components["parameters"]["AssumeOrientation"];
                 /** @description Only resolve the settings, read the cloud that is sent, and estimate: nothing is kept. */
                 dry_run?: boolean;
             };
@@ -2174,6 +2377,9 @@ export interface operations {
                     "model/stl": string;
                     "application/x-off": string;
                     "model/gltf-binary": string;
+                    "model/3mf": string;
+                    "application/x-vtp": string;
+                    "application/dicom": string;
                 };
             };
             /** @description The job waits for a worker, or still runs after the wait. */
@@ -2360,6 +2566,9 @@ export interface operations {
                     "model/stl": string;
                     "application/x-off": string;
                     "model/gltf-binary": string;
+                    "model/3mf": string;
+                    "application/x-vtp": string;
+                    "application/dicom": string;
                 };
             };
             /** @description The new job. */
@@ -2532,7 +2741,10 @@ export interface operations {
     getGradients: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
             path: {
                 /** @description Id of a job. */
                 id: components["parameters"]["JobId"];
@@ -2544,6 +2756,7 @@ export interface operations {
             /** @description The histograms. */
             200: {
                 headers: {
+                    ETag: components["headers"]["ETag"];
                     "X-Request-Id": components["headers"]["RequestId"];
                     [name: string]: unknown;
                 };
@@ -2551,6 +2764,7 @@ export interface operations {
                     "application/json": components["schemas"]["GradientPage"];
                 };
             };
+            304: components["responses"]["NotModified"];
             404: components["responses"]["NotFound"];
             410: components["responses"]["Gone"];
             422: components["responses"]["Invalid"];
@@ -2559,7 +2773,10 @@ export interface operations {
     };
     getMesh: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description Frame of the coordinates. `lps`: x to the left of the patient, y to the back, z to the head; `ras`: x to the right, y to the front. `source`: as the cloud has them. `request_invalid` where the cloud does not say its frame, and for `ras` in DICOM. */
+                space?: components["parameters"]["Space"];
+            };
             header?: {
                 /**
                  * @description One range of bytes.
@@ -2595,6 +2812,9 @@ export interface operations {
                     "model/stl": string;
                     "application/x-off": string;
                     "model/gltf-binary": string;
+                    "model/3mf": string;
+                    "application/x-vtp": string;
+                    "application/dicom": string;
                 };
             };
             /** @description The range that was asked for. */
@@ -2611,6 +2831,9 @@ export interface operations {
                     "model/stl": string;
                     "application/x-off": string;
                     "model/gltf-binary": string;
+                    "model/3mf": string;
+                    "application/x-vtp": string;
+                    "application/dicom": string;
                 };
             };
             304: components["responses"]["NotModified"];
@@ -2627,7 +2850,10 @@ export interface operations {
     };
     getMeshAs: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description Frame of the coordinates. `lps`: x to the left of the patient, y to the back, z to the head; `ras`: x to the right, y to the front. `source`: as the cloud has them. `request_invalid` where the cloud does not say its frame, and for `ras` in DICOM. */
+                space?: components["parameters"]["Space"];
+            };
             header?: {
                 /**
                  * @description One range of bytes.
@@ -2665,6 +2891,9 @@ export interface operations {
                     "model/stl": string;
                     "application/x-off": string;
                     "model/gltf-binary": string;
+                    "model/3mf": string;
+                    "application/x-vtp": string;
+                    "application/dicom": string;
                 };
             };
             /** @description The range that was asked for. */
@@ -2681,6 +2910,67 @@ export interface operations {
                     "model/stl": string;
                     "application/x-off": string;
                     "model/gltf-binary": string;
+                    "model/3mf": string;
+                    "application/x-vtp": string;
+                    "application/dicom": string;
+                };
+            };
+            304: components["responses"]["NotModified"];
+            404: components["responses"]["NotFound"];
+            406: components["responses"]["NotAcceptable"];
+            409: components["responses"]["NotReady"];
+            410: components["responses"]["Gone"];
+            412: components["responses"]["PreconditionFailed"];
+            416: components["responses"]["RangeNotSatisfiable"];
+            422: components["responses"]["Invalid"];
+            507: components["responses"]["InsufficientStorage"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    getMask: {
+        parameters: {
+            query?: never;
+            header?: {
+                /**
+                 * @description One range of bytes.
+                 * @example bytes=0-99
+                 */
+                Range?: components["parameters"]["Range"];
+                /** @description The range only of this version, else all. */
+                "If-Range"?: components["parameters"]["IfRange"];
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
+            path: {
+                /** @description Id of a job. */
+                id: components["parameters"]["JobId"];
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The file. */
+            200: {
+                headers: {
+                    ETag: components["headers"]["ETag"];
+                    "Accept-Ranges": components["headers"]["AcceptRanges"];
+                    "Content-Disposition": components["headers"]["ContentDisposition"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/gzip": string;
+                };
+            };
+            /** @description The range that was asked for. */
+            206: {
+                headers: {
+                    ETag: components["headers"]["ETag"];
+                    "Content-Range": components["headers"]["ContentRange"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/gzip": string;
                 };
             };
             304: components["responses"]["NotModified"];
@@ -2698,7 +2988,10 @@ export interface operations {
     listSnapshots: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
             path: {
                 /** @description Id of a job. */
                 id: components["parameters"]["JobId"];
@@ -2710,6 +3003,7 @@ export interface operations {
             /** @description The snapshots, in the order of their evaluations. */
             200: {
                 headers: {
+                    ETag: components["headers"]["ETag"];
                     "X-Request-Id": components["headers"]["RequestId"];
                     [name: string]: unknown;
                 };
@@ -2717,6 +3011,7 @@ export interface operations {
                     "application/json": components["schemas"]["SnapshotPage"];
                 };
             };
+            304: components["responses"]["NotModified"];
             404: components["responses"]["NotFound"];
             410: components["responses"]["Gone"];
             422: components["responses"]["Invalid"];
@@ -2725,7 +3020,10 @@ export interface operations {
     };
     getSnapshot: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description Frame of the coordinates. `lps`: x to the left of the patient, y to the back, z to the head; `ras`: x to the right, y to the front. `source`: as the cloud has them. `request_invalid` where the cloud does not say its frame, and for `ras` in DICOM. */
+                space?: components["parameters"]["Space"];
+            };
             header?: {
                 /**
                  * @description One range of bytes.
@@ -2765,6 +3063,9 @@ export interface operations {
                     "model/stl": string;
                     "application/x-off": string;
                     "model/gltf-binary": string;
+                    "model/3mf": string;
+                    "application/x-vtp": string;
+                    "application/dicom": string;
                 };
             };
             /** @description The range that was asked for. */
@@ -2780,6 +3081,9 @@ export interface operations {
                     "model/stl": string;
                     "application/x-off": string;
                     "model/gltf-binary": string;
+                    "model/3mf": string;
+                    "application/x-vtp": string;
+                    "application/dicom": string;
                 };
             };
             304: components["responses"]["NotModified"];
@@ -2796,7 +3100,10 @@ export interface operations {
     getReport: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
             path: {
                 /** @description Id of a job. */
                 id: components["parameters"]["JobId"];
@@ -2808,6 +3115,7 @@ export interface operations {
             /** @description The report. */
             200: {
                 headers: {
+                    ETag: components["headers"]["ETag"];
                     "X-Request-Id": components["headers"]["RequestId"];
                     [name: string]: unknown;
                 };
@@ -2815,6 +3123,7 @@ export interface operations {
                     "application/json": components["schemas"]["Report"];
                 };
             };
+            304: components["responses"]["NotModified"];
             404: components["responses"]["NotFound"];
             409: components["responses"]["NotReady"];
             410: components["responses"]["Gone"];
@@ -2955,7 +3264,10 @@ export interface operations {
     getPresets: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
             path?: never;
             cookie?: never;
         };
@@ -2964,6 +3276,7 @@ export interface operations {
             /** @description As asked. */
             200: {
                 headers: {
+                    ETag: components["headers"]["ETag"];
                     "X-Request-Id": components["headers"]["RequestId"];
                     [name: string]: unknown;
                 };
@@ -2971,6 +3284,7 @@ export interface operations {
                     "application/json": components["schemas"]["PresetPage"];
                 };
             };
+            304: components["responses"]["NotModified"];
             422: components["responses"]["Invalid"];
             default: components["responses"]["Problem"];
         };
@@ -2978,7 +3292,10 @@ export interface operations {
     getLimits: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
             path?: never;
             cookie?: never;
         };
@@ -2987,6 +3304,7 @@ export interface operations {
             /** @description As asked. */
             200: {
                 headers: {
+                    ETag: components["headers"]["ETag"];
                     "X-Request-Id": components["headers"]["RequestId"];
                     [name: string]: unknown;
                 };
@@ -2994,6 +3312,7 @@ export interface operations {
                     "application/json": components["schemas"]["Limits"];
                 };
             };
+            304: components["responses"]["NotModified"];
             422: components["responses"]["Invalid"];
             default: components["responses"]["Problem"];
         };
@@ -3001,7 +3320,10 @@ export interface operations {
     getVersion: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
             path?: never;
             cookie?: never;
         };
@@ -3010,6 +3332,7 @@ export interface operations {
             /** @description As asked. */
             200: {
                 headers: {
+                    ETag: components["headers"]["ETag"];
                     "X-Request-Id": components["headers"]["RequestId"];
                     [name: string]: unknown;
                 };
@@ -3017,6 +3340,7 @@ export interface operations {
                     "application/json": components["schemas"]["Version"];
                 };
             };
+            304: components["responses"]["NotModified"];
             422: components["responses"]["Invalid"];
             default: components["responses"]["Problem"];
         };
