@@ -89,7 +89,7 @@ async fn what_cannot_be_given_is_refused_before_there_is_a_job() {
         .await
         .expect_problem(406, "not_acceptable");
     assert_eq!(problem["acceptable"][0], "application/json");
-    assert_eq!(problem["acceptable"].as_array().unwrap().len(), 6);
+    assert_eq!(problem["acceptable"].as_array().unwrap().len(), 9);
     assert_eq!(service.get("/v1/jobs").await.json()["items"], json!([]));
 }
 
