@@ -6,7 +6,7 @@
 set -euo pipefail
 
 root=$(cd "$(dirname "$0")/.." && pwd)
-program=${MESHWAY:-$root/target/release/meshway}
+program=$(realpath -m "${MESHWAY:-$root/target/release/meshway}")
 
 fail() { echo "typescript: $*" >&2; exit 1; }
 
