@@ -18,7 +18,7 @@ help:
 	@echo "make bench-medical  label maps of known solids, beside VTK, which it installs under target/"
 	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
 	@echo "make soak    jobs under random faults; MINUTES=10"
-	@echo "make fuzz-medical  80,000 damaged label maps and DICOM files"
+	@echo "make fuzz-medical  120,000 damaged label maps and DICOM files"
 	@echo "make check   format, lints, documentation"
 	@echo "make deny    licences, sources and duplicate crates"
 
