@@ -55,7 +55,7 @@ test('a dropped file becomes a mesh that can be turned and downloaded', async ()
 });
 
 test('a page that is loaded again in the middle goes on, and the job can be cancelled and deleted', async () => {
-  const long = { preset: 'fine', settings: { training: { max_evaluations: 1_000_000, patience: 0, smoothing: 0 } }, labels: { file: 'long.ply' } };
+  const long = { preset: 'fine', settings: { training: { optimizer: 'adam', max_evaluations: 1_000_000, patience: 0 }, network: { block_points: 0 } }, labels: { file: 'long.ply' } };
   const { id } = await submit(origin, sample(clouds, 'hand', 2000), long);
   const { page, faults } = await open(browser, origin);
   await page.goto(`${origin}/#/jobs/${id}`);
