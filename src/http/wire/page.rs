@@ -3,8 +3,13 @@
 
 use std::str::FromStr;
 
+use axum::Json;
 use axum::http::Uri;
+use axum::http::header::LINK;
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
 
+use crate::http::api;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{Query, text};
 
@@ -70,13 +75,21 @@ impl<T: FromStr> Page<T> {
 }
 
 impl Next {
-    /// The cursor.
-    pub(in crate::http) fn cursor(&self) -> Option<String> {
-        self.0.clone()
+    /// The answer to a request for a page, which has these items.
+    pub(in crate::http) fn answer<T: Serialize>(self, uri: &Uri, items: Vec<T>) -> Response {
+        let link = self.link(uri);
+        let body = Json(api::Page {
+            items,
+            next_cursor: self.0,
+        });
+        match link {
+            Some(link) => ([(LINK, link)], body).into_response(),
+            None => body.into_response(),
+        }
     }
 
     /// The `Link` header: the same query with the new cursor.
-    pub(in crate::http) fn link(&self, uri: &Uri) -> Option<String> {
+    fn link(&self, uri: &Uri) -> Option<String> {
         let cursor = self.0.as_deref()?;
         let kept = uri.query().unwrap_or_default().split('&');
         let mut pairs: Vec<&str> = kept

@@ -5,7 +5,7 @@ pub(in crate::http) mod points;
 
 use axum::Json;
 use axum::extract::{Request, State};
-use axum::http::header::{LINK, LOCATION};
+use axum::http::header::LOCATION;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
 
@@ -64,14 +64,7 @@ pub(in crate::http) async fn list(
         .list_clouds(page.before.as_ref(), page.limit + 1)
         .await?;
     let PageOf { items, next } = page.cut(found, |cloud| cloud.id.as_str());
-    let body = Json(api::Page {
-        items: items.iter().map(api::Cloud::from).collect(),
-        next_cursor: next.cursor(),
-    });
-    Ok(match next.link(&uri) {
-        Some(link) => ([(LINK, link)], body).into_response(),
-        None => body.into_response(),
-    })
+    Ok(next.answer(&uri, items.iter().map(api::Cloud::from).collect()))
 }
 
 /// `GET /v1/clouds/{id}`.

@@ -9,7 +9,6 @@ use std::collections::HashMap;
 
 use axum::Json;
 use axum::extract::{Request, State};
-use axum::http::header::LINK;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Map, Value};
@@ -127,14 +126,7 @@ pub(in crate::http) async fn list(
         .iter()
         .map(|job| api::Job::new(job, places.get(&job.id).copied()))
         .collect();
-    let body = Json(api::Page {
-        items: shown,
-        next_cursor: next.cursor(),
-    });
-    Ok(match next.link(&uri) {
-        Some(link) => ([(LINK, link)], body).into_response(),
-        None => body.into_response(),
-    })
+    Ok(next.answer(&uri, shown))
 }
 
 /// `GET /v1/jobs/{id}`: made to be polled.
