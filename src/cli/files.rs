@@ -63,7 +63,7 @@ pub(super) fn read_cloud(
         .file_name()
         .map(|name| name.to_string_lossy().into_owned());
     let options = cloud::Options {
-        name: name.as_deref(),
+        hint: name.as_deref().and_then(cloud::Format::from_extension),
         limits: &cloud::Limits::default(),
         assume_orientation: part.assume_orientation,
     };

@@ -85,9 +85,8 @@ pub fn parse(
     limits: &cloud::Limits,
     assume_orientation: bool,
 ) -> Result<Parsed, cloud::Error> {
-    let name = hint.map(|format| format!("cloud.{}", format.name()));
     let options = cloud::Options {
-        name: name.as_deref(),
+        hint,
         limits,
         assume_orientation,
     };

@@ -96,8 +96,6 @@ pub fn reconstruction(
         )),
         _ => Failure::internal(format!("{}: {error}", assignment.file.display())),
     })?;
-    // The upload found the format, perhaps by the file name, which is not stored.
-    let name = format!("cloud.{}", assignment.cloud.summary.format.name());
     // The upload checked the file against the operator's limits.
     let limits = cloud::Limits {
         max_points: usize::MAX,
@@ -105,7 +103,8 @@ pub fn reconstruction(
         max_expansion: f64::INFINITY,
     };
     let options = cloud::Options {
-        name: Some(&name),
+        // The upload found it, perhaps by the file name, which is not stored.
+        hint: Some(assignment.cloud.summary.format),
         limits: &limits,
         // Whoever uploaded the file had to allow it.
         assume_orientation: true,

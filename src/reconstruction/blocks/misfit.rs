@@ -38,8 +38,8 @@ pub(super) fn misfit(field: &dyn Field, points: &[Vec3], band: f64) -> Result<f6
     Ok(significant_mean(&products).sqrt())
 }
 
-/// Signed distances of the points to the zero set, at most a band, and their feet there: Newton's steps along the gradient. The first alone is
-/// off by the square of the distance, to the same side everywhere.
+/// Signed distances of the points to the zero set, at most a band, and their feet there: Newton's steps along the
+/// gradient. The first alone is off by the square of the distance, to the same side everywhere.
 fn residuals(
     field: &dyn Field,
     points: &[Vec3],
@@ -80,7 +80,7 @@ mod tests {
     use super::*;
     use crate::reconstruction::random::{Purpose, stream};
 
-    /// Distance to the plane z = 0, or to one that has waves which `of` has not.
+    /// Distance to the plane z = 0.
     struct Plane;
 
     impl Field for Plane {
@@ -102,6 +102,7 @@ mod tests {
         }
     }
 
+    /// What it misses of a surface with waves and noise.
     fn missed(noise: f64, wave: f64) -> f64 {
         let mut random = stream(1, Purpose::Sampling);
         let points: Vec<Vec3> = (0..4_000)

@@ -232,12 +232,12 @@ impl Format {
         matches!(self.reader(), Reader::Slices(_))
     }
 
-    /// The format of a file: by its content; where that leaves it open by the name's ending; and
-    /// if that says nothing either, or names a format whose mark is not there, a table if there are
+    /// The format of a file: by its content; where that leaves it open the one that is hinted at; and
+    /// if there is no hint, or it names a format whose mark is not there, a table if there are
     /// rows of numbers.
     pub(in crate::reconstruction) fn detect(
         bytes: &[u8],
-        name: Option<&str>,
+        hint: Option<Self>,
     ) -> Result<Self, Error> {
         if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
             let detail = "the file is UTF-16 text; save it as UTF-8 or ASCII";
@@ -249,7 +249,7 @@ impl Format {
         if let Some(detail) = foreign::refusal(bytes) {
             return Err(Error::UnsupportedFormat(detail));
         }
-        match name.and_then(Self::from_extension) {
+        match hint {
             // OFF needs no mark.
             Some(format @ (Self::Xyz | Self::Off)) if foreign::is_text(bytes) => Ok(format),
             named => {
@@ -326,7 +326,9 @@ mod tests {
 
     #[test]
     fn content_wins_over_the_name() {
-        let format = |bytes: &[u8], name| Format::detect(bytes, name).ok();
+        let format = |bytes: &[u8], name: Option<&str>| {
+            Format::detect(bytes, name.and_then(Format::from_extension)).ok()
+        };
         assert_eq!(format(b"ply\nformat", Some("a.txt")), Some(Format::Ply));
         assert_eq!(format(b"# note\nOFF\n", Some("a.txt")), Some(Format::Off));
         assert_eq!(format(b"# note\n\nv 1 2 3\n", None), Some(Format::Obj));

@@ -72,8 +72,8 @@ pub struct Source {
 /// What is known of a file besides its bytes.
 #[derive(Debug, Clone, Copy)]
 pub struct Options<'a> {
-    /// Its name.
-    pub name: Option<&'a str>,
+    /// Its format, where its content leaves that open.
+    pub hint: Option<Format>,
     /// What it may cost.
     pub limits: &'a Limits,
     /// Takes a label map that does not say how it lies in the patient as it lies in its own axes.
@@ -102,7 +102,7 @@ pub fn read(
     limits: &Limits,
 ) -> Result<(PointCloud, Source), Error> {
     let options = Options {
-        name,
+        hint: name.and_then(Format::from_extension),
         limits,
         assume_orientation: false,
     };
@@ -173,16 +173,15 @@ pub fn open<T>(
     options: &Options<'_>,
     take: impl FnOnce(Opened<'_>, &mut Vec<Warning>) -> Result<T, Error>,
 ) -> Result<(T, Source), Error> {
-    let Options { name, limits, .. } = *options;
+    let Options { hint, limits, .. } = *options;
     let unpacked = unpack(bytes, limits)?;
     let gzipped = matches!(unpacked, Cow::Owned(_));
     let bytes = content(&unpacked)?;
-    let format = Format::detect(bytes, name)?;
+    let format = Format::detect(bytes, hint)?;
     let (opened, dropped_non_finite, mut warnings) = match format.reader() {
         Reader::Points(read) => {
             let mut collector = read(bytes, limits)?;
-            let named = name.and_then(Format::from_extension);
-            if let (Format::Xyz, Some(named)) = (format, named.filter(|&named| named != format)) {
+            if let (Format::Xyz, Some(named)) = (format, hint.filter(|&named| named != format)) {
                 let message = format!(
                     "the file has no mark of {}, though its name says so; it was read as a table of numbers",
                     named.name().to_uppercase()

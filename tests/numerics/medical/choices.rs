@@ -1,6 +1,6 @@
 //! Parts of files: listed, chosen, and refused with what there is.
 
-use meshway::reconstruction::cloud::{Error, Limits, Options, read, read_part};
+use meshway::reconstruction::cloud::{Error, Format, Limits, Options, read, read_part};
 use meshway::reconstruction::medical::{Choice, Kind};
 use meshway::reconstruction::space::Space;
 
@@ -9,7 +9,7 @@ use super::found::found;
 
 fn choose(name: &str, choice: Option<&str>) -> Result<usize, Error> {
     let options = Options {
-        name: Some(name),
+        hint: Format::from_extension(name),
         limits: &Limits::default(),
         assume_orientation: false,
     };

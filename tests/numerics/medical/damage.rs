@@ -3,7 +3,7 @@
 use std::io::Read;
 
 use flate2::read::GzDecoder;
-use meshway::reconstruction::cloud::{Limits, Opened, Options, open};
+use meshway::reconstruction::cloud::{Format, Limits, Opened, Options, open};
 use meshway::reconstruction::random::{Purpose, stream};
 use meshway::reconstruction::slices::Content;
 
@@ -27,7 +27,7 @@ fn survive(bytes: &[u8], name: &str) -> bool {
         max_expansion: 100.0,
     };
     let options = Options {
-        name: Some(name),
+        hint: Format::from_extension(name),
         limits: &limits,
         assume_orientation: true,
     };

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use meshway::reconstruction::cloud::{Error, Limits, Opened, Options, open};
+use meshway::reconstruction::cloud::{Error, Format, Limits, Opened, Options, open};
 use meshway::reconstruction::medical::{Affine, Contents};
 use meshway::reconstruction::slices::{Content, Geometry, Mask, Plane};
 use meshway::reconstruction::vector::{Vec3, add, along, cross, dot, sub};
@@ -36,7 +36,7 @@ pub(super) fn is_dicom(name: &str) -> bool {
 
 pub(super) fn found(bytes: &[u8], name: &str, assume_orientation: bool) -> Result<Found, Error> {
     let options = Options {
-        name: Some(name),
+        hint: Format::from_extension(name),
         limits: &Limits::default(),
         assume_orientation,
     };

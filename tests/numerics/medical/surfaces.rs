@@ -1,6 +1,6 @@
 //! From a file to points in the patient: what the builder of slices makes of each reader's planes.
 
-use meshway::reconstruction::cloud::{Label, Limits, Options, PointCloud, read_part};
+use meshway::reconstruction::cloud::{Format, Label, Limits, Options, PointCloud, read_part};
 use meshway::reconstruction::medical::Choice;
 use meshway::reconstruction::vector::{Bounds, distance, dot};
 
@@ -8,7 +8,7 @@ use super::file;
 
 fn cloud(name: &str, choice: &str) -> PointCloud {
     let options = Options {
-        name: Some(name),
+        hint: Format::from_extension(name),
         limits: &Limits::default(),
         assume_orientation: false,
     };

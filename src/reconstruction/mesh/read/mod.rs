@@ -29,7 +29,7 @@ pub fn read(bytes: &[u8], name: Option<&str>) -> Result<TriangleMesh, Error> {
     let mesh = if bytes.starts_with(glb::MAGIC) {
         glb::read(bytes)
     } else {
-        match Format::detect(bytes, name)? {
+        match Format::detect(bytes, name.and_then(Format::from_extension))? {
             Format::Ply => ply::read(bytes),
             Format::Obj => obj::read(bytes),
             Format::Off => off::read(bytes),
