@@ -110,7 +110,7 @@ fn balanced() -> Settings {
             tolerance_change: 1e-11,
             max_iterations: 100_000,
             max_evaluations: 800,
-            block_evaluations: 150,
+            block_evaluations: 120,
             adam_evaluations: 200,
             adam_learning_rate: 1e-3,
             smoothing: 1.0,
