@@ -171,7 +171,10 @@ class _Drive:
             await asyncio.sleep(effect.seconds)
             return None
         if isinstance(effect, steps.Line):
-            return None if self._lines is None else await anext(self._lines, None)
+            try:
+                return None if self._lines is None else await self._lines.__anext__()
+            except StopAsyncIteration:
+                return None
         assert isinstance(effect, steps.Ask)
         await self.close()
         with effect.arguments() as arguments:
