@@ -52,6 +52,7 @@ contract: build
 	@./scripts/schemathesis.sh
 	@./scripts/client.sh
 	@./scripts/typescript.sh
+	@./scripts/python-client.sh
 
 check: setup web
 	cargo fmt --check

@@ -1,0 +1,297 @@
+"""What the client does, without doing it: generators that yield what is to be sent or awaited.
+
+One driver sends with threads, another with asyncio; what is decided is here once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import random
+import tempfile
+import time
+import uuid
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Optional, Union
+
+import httpx
+
+from .errors import JobCancelled, JobFailed, MeshwayError, TimedOut, Unreachable, problem_of
+from .models import Cloud, Event, Job
+from .points import Source, source_of
+
+#: Seconds without a byte of an event stream; the service sends a comment every 15.
+SILENCE = 45.0
+#: Longest pause before a further try, in seconds.
+LONGEST_PAUSE = 30.0
+FORMATS = ("ply", "obj", "stl", "off", "glb", "3mf", "vtp", "dcm")
+
+
+@dataclass
+class Ask:
+    """A request. With ``stream`` only the head of the answer is awaited."""
+
+    method: str
+    path: str
+    params: dict[str, Any] = field(default_factory=dict)
+    headers: dict[str, str] = field(default_factory=dict)
+    json: Any = None
+    file: Optional[Source] = None
+    stream: bool = False
+    timeout: Optional[float] = None
+
+    @contextlib.contextmanager
+    def arguments(self) -> Iterator[dict[str, Any]]:
+        """Those of httpx, with the file open."""
+        given: dict[str, Any] = {"params": self.params, "headers": self.headers}
+        if self.json is not None:
+            given["json"] = self.json
+        if self.timeout is not None:
+            given["timeout"] = httpx.Timeout(30.0, read=self.timeout)
+        with contextlib.ExitStack() as stack:
+            if self.file is not None:
+                content = self.file.open()
+                if not isinstance(content, bytes):
+                    stack.enter_context(content)
+                given["files"] = {"file": (self.file.name, content, "application/octet-stream")}
+            yield given
+
+
+@dataclass
+class Pause:
+    """Seconds in which nothing is done."""
+
+    seconds: float
+
+
+@dataclass
+class Line:
+    """The next line of the open stream; its answer is ``None`` at the end."""
+
+
+@dataclass
+class Tell:
+    """Something for the caller of an iteration."""
+
+    item: Any
+
+
+Effect = Union[Ask, Pause, Line, Tell]
+Steps = Generator[Effect, Any, Any]
+
+
+def pause_before(attempt: int, answer: Optional[httpx.Response] = None) -> Pause:
+    """What the service asks for, or twice as long each time, not all clients at once."""
+    told = answer.headers.get("retry-after", "") if answer is not None else ""
+    if told.isdigit():
+        return Pause(min(float(told), LONGEST_PAUSE))
+    return Pause(min(0.25 * 2.0**attempt, LONGEST_PAUSE) * random.uniform(0.5, 1.0))
+
+
+def ask(request: Ask, retries: int) -> Steps:
+    """The answer to a request that may be sent again: a POST carries its idempotency key."""
+    if request.method == "POST":
+        request.headers.setdefault("Idempotency-Key", str(uuid.uuid4()))
+    attempt = 0
+    while True:
+        answer = None
+        try:
+            answer = yield request
+            if answer.is_success:
+                return answer
+            error = problem_of(answer)
+        except httpx.TransportError as broken:
+            error = Unreachable(broken)
+        if request.method == "DELETE" and attempt > 0 and error.status in (404, 410):
+            # An earlier try did it; its answer was lost.
+            return answer
+        if not error.retryable or attempt >= retries:
+            raise error
+        yield pause_before(attempt, answer)
+        attempt += 1
+
+
+def upload(cloud: Any, name: Optional[str], assume_orientation: bool, retries: int) -> Steps:
+    """Sends a cloud."""
+    params = {"assume_orientation": "true"} if assume_orientation else {}
+    request = Ask("POST", "v1/clouds", params=params, file=source_of(cloud, name))
+    answer = yield from ask(request, retries)
+    return Cloud.of(answer.json())
+
+
+def submit(cloud: Any, body: dict[str, Any], retries: int) -> Steps:
+    """A job for a cloud, which is sent first where it is not there yet."""
+    if not isinstance(cloud, Cloud) and not (isinstance(cloud, str) and cloud.startswith("cld_")):
+        cloud = yield from upload(cloud, None, False, retries)
+    cloud_id = cloud.id if isinstance(cloud, Cloud) else cloud
+    given = {name: value for name, value in body.items() if value is not None}
+    answer = yield from ask(Ask("POST", "v1/jobs", json={"cloud_id": cloud_id, **given}), retries)
+    return Job.of(answer.json())
+
+
+def show(job_id: str, retries: int) -> Steps:
+    """The present state of a job."""
+    answer = yield from ask(Ask("GET", f"v1/jobs/{job_id}"), retries)
+    return Job.of(answer.json())
+
+
+def change(job_id: str, act: str, retries: int) -> Steps:
+    """Cancels a job, or has it done once more."""
+    body: Optional[dict[str, Any]] = {} if act == "retry" else None
+    answer = yield from ask(Ask("POST", f"v1/jobs/{job_id}/{act}", json=body), retries)
+    return Job.of(answer.json())
+
+
+def erase(item_id: str, retries: int) -> Steps:
+    """Erases a job or a cloud."""
+    kind = "clouds" if item_id.startswith("cld_") else "jobs"
+    yield from ask(Ask("DELETE", f"v1/{kind}/{item_id}"), retries)
+
+
+def jobs(filters: dict[str, Any], retries: int) -> Steps:
+    """Tells all jobs, newest first."""
+    params = dict(filters)
+    while True:
+        page = (yield from ask(Ask("GET", "v1/jobs", params=params), retries)).json()
+        for item in page["items"]:
+            yield Tell(Job.of(item))
+        if not page.get("next_cursor"):
+            return
+        params["cursor"] = page["next_cursor"]
+
+
+def watch(job_id: str, after: int, retries: int, until: Optional[float] = None) -> Steps:
+    """Tells the events of a job to the last; a cut connection is opened again where it was cut."""
+    attempt = 0
+    while True:
+        left = SILENCE if until is None else until - time.monotonic()
+        if left <= 0:
+            return
+        headers = {"Accept": "text/event-stream", "Last-Event-ID": str(after)}
+        request = Ask("GET", f"v1/jobs/{job_id}/events", headers=headers, stream=True, timeout=min(left, SILENCE))
+        answer = None
+        try:
+            answer = yield request
+            if answer.status_code == 204:
+                return
+            if not answer.is_success:
+                raise problem_of(answer)
+            parser = Parser()
+            while (line := (yield Line())) is not None:
+                attempt = 0
+                event = parser.feed(line)
+                if until is not None and time.monotonic() >= until:
+                    return
+                if event is None:
+                    continue
+                after = event.id
+                if event.kind != "reset":
+                    yield Tell(event)
+                if event.last:
+                    return
+            error: MeshwayError = Unreachable(httpx.ReadError("the stream ended before the job"))
+        except httpx.TransportError as broken:
+            error = Unreachable(broken)
+        except MeshwayError as refused:
+            error = refused
+        if until is not None and time.monotonic() >= until:
+            return
+        if not error.retryable or attempt >= retries:
+            raise error
+        yield pause_before(attempt, answer)
+        attempt += 1
+
+
+class Parser:
+    """Lines of server-sent events, put together."""
+
+    def __init__(self) -> None:
+        self.fields: dict[str, str] = {}
+
+    def feed(self, line: str) -> Optional[Event]:
+        """The event that ends with this line, if one does."""
+        if line:
+            name, _, value = line.partition(":")
+            value = value[1:] if value.startswith(" ") else value
+            if name == "data" and name in self.fields:
+                value = f"{self.fields[name]}\n{value}"
+            self.fields[name] = value
+            return None
+        fields, self.fields = self.fields, {}
+        if "data" not in fields or not fields.get("id", "").isdigit():
+            return None
+        return Event(int(fields["id"]), fields.get("event", "message"), json.loads(fields["data"]))
+
+
+def wait(job_id: str, timeout: Optional[float], retries: int) -> Steps:
+    """The job once it has succeeded."""
+    until = None if timeout is None else time.monotonic() + timeout
+    try:
+        for_job = watch(job_id, 0, retries, until)
+        effect = next(for_job)
+        while True:
+            # The events are for the clock only.
+            try:
+                given = None if isinstance(effect, Tell) else (yield effect)
+            except httpx.TransportError as broken:
+                effect = for_job.throw(broken)
+            else:
+                effect = for_job.send(given)
+    except StopIteration:
+        pass
+    job: Job = yield from show(job_id, retries)
+    if job.status == "succeeded":
+        return job
+    if job.status == "cancelled":
+        raise JobCancelled(job)
+    if job.status == "failed":
+        raise JobFailed(job)
+    raise TimedOut(job_id, timeout or 0.0)
+
+
+def reconstruct(cloud: Any, body: dict[str, Any], timeout: Optional[float], retries: int) -> Steps:
+    """The job of a cloud, once it has succeeded."""
+    job: Job = yield from submit(cloud, body, retries)
+    return (yield from wait(job.id, timeout, retries))
+
+
+def report(job_id: str, retries: int) -> Steps:
+    """The report of a job."""
+    return (yield from ask(Ask("GET", f"v1/jobs/{job_id}/report"), retries)).json()
+
+
+def content(job_id: str, name: str, space: Optional[str], retries: int) -> Steps:
+    """The bytes of a file of a job, such as mesh.stl."""
+    params = {} if space is None else {"space": space}
+    answer = yield from ask(Ask("GET", f"v1/jobs/{job_id}/{name}", params=params), retries)
+    return answer.content
+
+
+def save(job_id: str, path: Union[str, os.PathLike[str]], space: Optional[str], retries: int) -> Steps:
+    """Writes a file, all of it or nothing; its ending names the format."""
+    path = os.fspath(path)
+    data = yield from content(job_id, file_name(path), space, retries)
+    descriptor, part = tempfile.mkstemp(dir=os.path.dirname(path) or ".", prefix=".meshway-")
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(part, 0o666 & ~umask)
+        os.replace(part, path)
+    except BaseException:
+        os.unlink(part)
+        raise
+    return path
+
+
+def file_name(path: str) -> str:
+    """What the service calls the file that a path asks for."""
+    if path.lower().endswith(".nii.gz"):
+        return "mask.nii.gz"
+    ending = os.path.splitext(path)[1].lower().lstrip(".")
+    if ending not in FORMATS:
+        raise ValueError(f"{path}: a mesh ends in {', '.join(FORMATS)}, and its label map in nii.gz")
+    return f"mesh.{ending}"
