@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::Failure;
-use super::files::{PartArguments, Sink, read, read_cloud};
+use super::files::{OnePart, Sink, read, read_cloud};
 use crate::reconstruction::mesh::{self, TriangleMesh};
 use crate::reconstruction::quality::{Judge, MeshReport, compare_meshes, describe};
 use crate::reconstruction::shapes::Shape;
@@ -79,7 +79,7 @@ fn compare(mesh: &TriangleMesh, reference: &str, arguments: &Arguments) -> Resul
         }
         // Not a mesh: perhaps a cloud, whose readers know more formats.
         _ => {
-            let (cloud, ..) = read_cloud(path, &PartArguments::default())?;
+            let (cloud, ..) = read_cloud(path, &OnePart::default())?;
             let judge = Judge::new(mesh, &cloud.points, seed).ok_or_else(no_area)?;
             let comparison = judge.compare(0..cloud.points.len(), &cloud.points);
             json(&comparison.ok_or_else(no_area)?)

@@ -3,6 +3,7 @@
 use std::fs;
 use std::io::{self, BufWriter, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use clap::Args;
 use sha2::{Digest, Sha256};
@@ -26,48 +27,123 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
 /// Which part of a medical file is meant, and how it is understood.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct PartArguments {
-    /// Value of the label that a surface is made of, where a label map has several.
+    /// Value of the label that a surface is made of, where a label map has several. Of several, as in 1,3, each gets
+    /// a surface of its own, and of `all` every part of the file, whatever it is called; write {name} or {number}
+    /// into --output and the like.
     #[arg(
         long,
         value_name = "VALUE",
         group = "part",
-        allow_negative_numbers = true
+        value_delimiter = ',',
+        allow_hyphen_values = true
     )]
-    label: Option<i64>,
-    /// Name or number of the segment, where a segmentation has several.
+    label: Vec<LabelArgument>,
+    /// Name or number of the segment, where a segmentation has several; may be given many times.
     #[arg(long, value_name = "NAME", group = "part")]
-    segment: Option<String>,
-    /// Name or number of the region of interest, where a structure set has several.
+    segment: Vec<String>,
+    /// Name or number of the region of interest, where a structure set has several; may be given many times.
     #[arg(long, value_name = "NAME", group = "part")]
-    roi: Option<String>,
+    roi: Vec<String>,
     /// Take a label map that does not say how it lies in the patient as it lies in its own axes.
     #[arg(long)]
     assume_orientation: bool,
 }
 
+/// A label, or all parts of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum LabelArgument {
+    All,
+    Value(i64),
+}
+
+impl FromStr for LabelArgument {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "all" => Ok(Self::All),
+            value => value
+                .parse()
+                .map(Self::Value)
+                .map_err(|_| "must be a whole number or all".to_owned()),
+        }
+    }
+}
+
 impl PartArguments {
-    fn choice(&self) -> Option<Choice> {
-        let segment = self.segment.clone().map(Choice::Segment);
-        let roi = self.roi.clone().map(Choice::Roi);
-        self.label.map(Choice::Label).or(segment).or(roi)
+    /// The same file with one part of it.
+    pub(super) fn of(&self, choice: Choice) -> OnePart {
+        OnePart {
+            choice: Some(choice),
+            assume_orientation: self.assume_orientation,
+        }
+    }
+
+    /// The only part that is asked for, if any is.
+    pub(super) fn one(&self) -> OnePart {
+        OnePart {
+            choice: self.choices().pop(),
+            assume_orientation: self.assume_orientation,
+        }
+    }
+
+    /// What is asked for where it is several parts; empty for all of them.
+    pub(super) fn several(&self) -> Option<Vec<Choice>> {
+        if self.label.contains(&LabelArgument::All) {
+            return Some(Vec::new());
+        }
+        let choices = self.choices();
+        (choices.len() > 1).then_some(choices)
+    }
+
+    fn choices(&self) -> Vec<Choice> {
+        let labels = self.label.iter().filter_map(|label| match label {
+            LabelArgument::All => None,
+            LabelArgument::Value(value) => Some(Choice::Label(*value)),
+        });
+        let segments = self.segment.iter().cloned().map(Choice::Segment);
+        let rois = self.roi.iter().cloned().map(Choice::Roi);
+        labels.chain(segments).chain(rois).collect()
+    }
+
+    /// How a file is read.
+    pub(super) fn options<'a>(&self, path: &Path, limits: &'a cloud::Limits) -> cloud::Options<'a> {
+        options(path, limits, self.assume_orientation)
+    }
+}
+
+/// One part of a file, or the only one, and how the file is understood.
+#[derive(Debug, Clone, Default)]
+pub(super) struct OnePart {
+    choice: Option<Choice>,
+    assume_orientation: bool,
+}
+
+fn options<'a>(
+    path: &Path,
+    limits: &'a cloud::Limits,
+    assume_orientation: bool,
+) -> cloud::Options<'a> {
+    let name = path.file_name().map(|name| name.to_string_lossy());
+    cloud::Options {
+        hint: name.as_deref().and_then(cloud::Format::from_extension),
+        limits,
+        assume_orientation,
     }
 }
 
 /// Reads a point cloud, with what the report records of its file.
 pub(super) fn read_cloud(
     path: &Path,
-    part: &PartArguments,
+    part: &OnePart,
 ) -> Result<(PointCloud, cloud::Source, Input), Failure> {
     let bytes = read(path)?;
     let name = path
         .file_name()
         .map(|name| name.to_string_lossy().into_owned());
-    let options = cloud::Options {
-        hint: name.as_deref().and_then(cloud::Format::from_extension),
-        limits: &cloud::Limits::default(),
-        assume_orientation: part.assume_orientation,
-    };
-    let (cloud, source) = cloud::read_part(&bytes, &options, part.choice().as_ref())
+    let limits = cloud::Limits::default();
+    let options = options(path, &limits, part.assume_orientation);
+    let (cloud, source) = cloud::read_part(&bytes, &options, part.choice.as_ref())
         .map_err(|error| Failure::cloud(path, &error))?;
     let input = Input {
         name: name.unwrap_or_default(),

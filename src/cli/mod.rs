@@ -9,6 +9,7 @@ mod files;
 mod health;
 mod inspect;
 mod logging;
+mod parts;
 mod presets;
 mod progress;
 mod reconstruct;

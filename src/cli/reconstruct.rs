@@ -8,7 +8,8 @@ use serde_json::Value;
 
 use super::Failure;
 use super::encoding::{Encoding, Space};
-use super::files::{PartArguments, Sink, read, read_cloud};
+use super::files::{OnePart, PartArguments, Sink, read, read_cloud};
+use super::parts::{Part, several};
 use super::progress::Progress;
 use crate::reconstruction::cloud::{Label, PointCloud, Source};
 use crate::reconstruction::report::Verdict;
@@ -80,13 +81,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // First of all: reading, too, uses the threads.
     set_threads(threads(arguments.threads)?).map_err(|error| Failure::Usage(error.to_string()))?;
     // All places first: none must be found out after the others were worked on.
-    let clouds = arguments.clouds.iter();
-    let runs = clouds.map(|path| Ok((path.as_path(), Sinks::new(arguments, path)?)));
-    let runs = runs.collect::<Result<Vec<_>, Failure>>()?;
+    let runs = runs(arguments)?;
     in_pool(|| {
         let mut first = Ok(());
-        for (path, sinks) in &runs {
-            let result = run_with(arguments, &settings, path, sinks);
+        for run in &runs {
+            let result = run_with(arguments, &settings, run);
             // The others are worked on all the same; the first failure is printed by the caller, the others here.
             match (&first, result) {
                 (Ok(()), result) => first = result,
@@ -98,14 +97,52 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     })
 }
 
-fn run_with(
-    arguments: &Arguments,
-    settings: &Settings,
-    path: &Path,
-    sinks: &Sinks,
-) -> Result<(), Failure> {
+/// A cloud that a mesh is made of, and where the results go.
+struct Run<'a> {
+    path: &'a Path,
+    part: OnePart,
+    sinks: Sinks,
+}
+
+impl<'a> Run<'a> {
+    fn new(
+        arguments: &Arguments,
+        path: &'a Path,
+        part: OnePart,
+        asked: Option<&Part>,
+    ) -> Result<Self, Failure> {
+        let sinks = Sinks::new(arguments, path, asked)?;
+        Ok(Self { path, part, sinks })
+    }
+}
+
+/// One run for each cloud, or for each part of one that is asked for.
+fn runs(arguments: &Arguments) -> Result<Vec<Run<'_>>, Failure> {
+    let mut runs = Vec::new();
+    for path in &arguments.clouds {
+        match several(path, &arguments.part)? {
+            None => runs.push(Run::new(arguments, path, arguments.part.one(), None)?),
+            Some(_) if arguments.clouds.len() > 1 || path == Path::new("-") => {
+                return Err(Failure::Usage(
+                    "several parts are made of one file at a time, which is not standard input"
+                        .to_owned(),
+                ));
+            }
+            Some(parts) => {
+                for part in &parts {
+                    let one = arguments.part.of(part.choice());
+                    runs.push(Run::new(arguments, path, one, Some(part))?);
+                }
+            }
+        }
+    }
+    Ok(runs)
+}
+
+fn run_with(arguments: &Arguments, settings: &Settings, run: &Run<'_>) -> Result<(), Failure> {
+    let Run { path, part, sinks } = run;
     let progress = Progress::new(arguments.quiet);
-    let (cloud, inputs, source) = cloud(arguments, path, &progress)?;
+    let (cloud, inputs, source) = cloud(arguments, path, part, &progress)?;
     let refused = sinks.encoding.check(&cloud, settings.surface.resolution);
     refused.map_err(|detail| Failure::Usage(format!("{}: {detail}", path.display())))?;
 
@@ -179,9 +216,10 @@ fn threads(asked: Option<usize>) -> Result<usize, Failure> {
 fn cloud(
     arguments: &Arguments,
     path: &Path,
+    part: &OnePart,
     progress: &Progress,
 ) -> Result<(PointCloud, Vec<Input>, Source), Failure> {
-    let (mut whole, mut first, input) = read_cloud(path, &arguments.part)?;
+    let (mut whole, mut first, input) = read_cloud(path, part)?;
     let mut inputs = vec![input];
     for (path, label) in [
         (&arguments.interior, Label::Interior),
@@ -189,7 +227,7 @@ fn cloud(
     ] {
         let Some(path) = path else { continue };
         // What is told to be inside or outside is a cloud of its own.
-        let (part, source, input) = read_cloud(path, &PartArguments::default())?;
+        let (part, source, input) = read_cloud(path, &OnePart::default())?;
         first.warnings.extend(source.warnings);
         inputs.push(input);
         whole.append(part.with_label(label));
@@ -211,20 +249,18 @@ struct Sinks {
 }
 
 impl Sinks {
-    fn new(arguments: &Arguments, cloud: &Path) -> Result<Self, Failure> {
+    fn new(arguments: &Arguments, cloud: &Path, part: Option<&Part>) -> Result<Self, Failure> {
         let several = arguments.clouds.len() > 1;
         if several && (arguments.interior.is_some() || arguments.exterior.is_some()) {
             return Err(Failure::Usage(
                 "--interior and --exterior belong to one cloud; give one at a time".to_owned(),
             ));
         }
-        // Of several clouds each has its own file in the folder that is named.
-        let sink = |path: &Path, ending: &str| {
-            if several {
-                Sink::new(&path.join(own_name(arguments, cloud, ending)?))
-            } else {
-                Sink::new(path)
-            }
+        // Of several clouds each has its own file in the folder that is named, of several parts by their marks.
+        let sink = |path: &Path, ending: &str| match part {
+            Some(part) => Sink::new(&part.path(path)?),
+            None if several => Sink::new(&path.join(own_name(arguments, cloud, ending)?)),
+            None => Sink::new(path),
         };
         let optional = |path: &Option<PathBuf>, ending: &str| {
             let path = path.as_deref();
@@ -235,13 +271,13 @@ impl Sinks {
             let encoding = Encoding::named(format, arguments.space)?;
             (sink(&arguments.output, encoding.extension())?, encoding)
         } else {
-            let mesh = Sink::new(&arguments.output)?;
+            let mesh = sink(&arguments.output, "")?;
             let encoding = Encoding::of(&mesh, format, arguments.space)?;
             (mesh, encoding)
         };
-        if several && arguments.snapshots.is_some() {
+        if (several || part.is_some()) && arguments.snapshots.is_some() {
             return Err(Failure::Usage(
-                "--snapshots belongs to one cloud; give one at a time".to_owned(),
+                "--snapshots belongs to one mesh; give one cloud and one part at a time".to_owned(),
             ));
         }
         if mesh.is_terminal() {

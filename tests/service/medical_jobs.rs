@@ -1,5 +1,8 @@
 //! Label maps, segments and contours, from their upload over the choice of a part to a mesh.
 
+use std::fs;
+use std::path::{Path, PathBuf};
+
 use meshway::reconstruction::mesh::read;
 use serde_json::{Value, json};
 
@@ -146,4 +149,54 @@ async fn points_have_no_parts() {
     let mut connection = Connection::open(server.address()).await.unwrap();
     let refused = connection.post("/v1/jobs", "", &request).await.unwrap();
     assert_eq!(refused.json()["code"], "source_unknown");
+}
+
+/// All files below a folder.
+fn files_below(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).unwrap();
+    let paths = entries.map(|entry| entry.unwrap().path());
+    let below = paths.flat_map(|path| {
+        if path.is_dir() {
+            files_below(&path)
+        } else {
+            vec![path]
+        }
+    });
+    below.collect()
+}
+
+#[tokio::test]
+async fn a_patient_is_named_in_the_uploaded_file_alone() {
+    let folder = Folder::new().await;
+    let server = folder.serve(&[]).await;
+    let name = b"Zwiebelfisch^Adalberta";
+    let mut file = include_bytes!("../numerics/medical/files/bare.dcm").to_vec();
+    // The name stands before the regions, as the order of elements wants it.
+    let regions = [0x06, 0x30, 0x20, 0x00];
+    let at = file.windows(4).position(|tag| tag == regions).unwrap();
+    let element = [&[0x10, 0, 0x10, 0, name.len() as u8, 0, 0, 0], &name[..]].concat();
+    file.splice(at..at, element);
+    let settings = json!({"training": {"max_evaluations": 60}, "surface": {"resolution": 32}});
+    let answer = post(&server, "/v1/clouds", "", &file).await;
+    assert_eq!(answer.status, 201, "{:?}", answer.json());
+    let request = json!({"cloud_id": answer.json()["id"], "preset": "fast", "settings": settings,
+        "source": {"roi": "Shell"}});
+    let mut connection = Connection::open(server.address()).await.unwrap();
+    let wait = "Prefer: wait=120\r\n";
+    let job = connection.post("/v1/jobs", wait, &request).await.unwrap();
+    assert_eq!(job.json()["status"], "succeeded", "{}", job.json());
+    let names = |bytes: &[u8]| bytes.windows(name.len()).any(|part| part == name);
+    assert!(!names(job.json().to_string().as_bytes()));
+    assert!(!names(server.log().as_bytes()));
+    let naming = files_below(folder.path());
+    let naming = naming
+        .into_iter()
+        .filter(|path| names(&fs::read(path).unwrap()));
+    let naming: Vec<_> = naming.collect();
+    // So it is found where it is.
+    assert_eq!(naming.len(), 1, "{naming:?}");
+    assert!(
+        naming[0].starts_with(folder.path().join("clouds")),
+        "{naming:?}"
+    );
 }

@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::contents::LONGEST_NAME;
 use super::{Item, Kind, Parts};
 use crate::reconstruction::cloud::Error;
 
@@ -133,10 +134,14 @@ impl Parts {
     }
 }
 
-/// A name as a message shows it: it may be anything.
+/// A name as a message shows it: whole as a file brings it, but it may be anything that somebody asked for.
 fn shown(name: &str) -> String {
-    let clean = name.chars().filter(|c| !c.is_control());
-    clean.take(16).collect()
+    let mut clean = name.chars().filter(|c| !c.is_control());
+    let mut shown: String = clean.by_ref().take(LONGEST_NAME).collect();
+    if clean.next().is_some() {
+        shown.push('…');
+    }
+    shown
 }
 
 #[cfg(test)]
@@ -170,6 +175,23 @@ mod tests {
         assert_eq!(choose("roi:Lung").unwrap_err().code(), "source_unknown");
         assert_eq!(choose("label:9").unwrap_err().code(), "source_unknown");
         assert_eq!(parts.choose(None).unwrap_err().code(), "source_missing");
+    }
+
+    #[test]
+    fn names_are_shown_whole() {
+        let mut parts = parts();
+        let names = ["Left ventricle and septum", "Left ventricle and valve"];
+        for (item, name) in parts.items.iter_mut().zip(names) {
+            item.name = Some(name.to_owned());
+        }
+        let message = parts.choose(None).unwrap_err().to_string();
+        assert!(names.iter().all(|name| message.contains(name)), "{message}");
+        let long = Choice::Roi("a".repeat(100));
+        let message = parts.choose(Some(&long)).unwrap_err().to_string();
+        assert!(
+            message.contains(&format!("{}…;", "a".repeat(64))),
+            "{message}"
+        );
     }
 
     #[test]

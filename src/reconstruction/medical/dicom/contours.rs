@@ -1,4 +1,4 @@
-//! Closed contours, and the area that several of one plane enclose.
+//! Closed contours of a structure set.
 
 use super::element::DataSet;
 use super::structures::Left;
@@ -56,51 +56,5 @@ impl Contour {
     pub(super) fn middle(&self) -> Vec3 {
         let sum = self.points.iter().fold([0.0; 3], |sum, &p| add(sum, p));
         scale(sum, 1.0 / self.points.len() as f64)
-    }
-}
-
-/// What lies in an odd number of the contours, which do not cross: each is a hole of those around
-/// it if their number is odd.
-pub(super) fn area(polygons: &[Vec<[f64; 2]>]) -> f64 {
-    let one = |(i, polygon): (usize, &Vec<[f64; 2]>)| {
-        let others = polygons.iter().enumerate().filter(|&(j, _)| j != i);
-        let around = others
-            .filter(|(_, other)| inside(polygon[0], other))
-            .count();
-        let sign = if around.is_multiple_of(2) { 1.0 } else { -1.0 };
-        sign * signed_area(polygon).abs()
-    };
-    polygons.iter().enumerate().map(one).sum()
-}
-
-fn edges(polygon: &[[f64; 2]]) -> impl Iterator<Item = ([f64; 2], [f64; 2])> + '_ {
-    let next = polygon.iter().cycle().skip(1);
-    polygon.iter().zip(next).map(|(&a, &b)| (a, b))
-}
-
-fn signed_area(polygon: &[[f64; 2]]) -> f64 {
-    edges(polygon)
-        .map(|(a, b)| a[0] * b[1] - a[1] * b[0])
-        .sum::<f64>()
-        / 2.0
-}
-
-fn inside(p: [f64; 2], polygon: &[[f64; 2]]) -> bool {
-    let crosses = |&(a, b): &([f64; 2], [f64; 2])| {
-        (a[1] > p[1]) != (b[1] > p[1])
-            && p[0] < a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-    };
-    edges(polygon).filter(crosses).count() % 2 == 1
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn holes_are_taken_off_and_islands_in_them_added() {
-        let square = |r: f64| vec![[-r, -r], [r, -r], [r, r], [-r, r]];
-        let polygons = vec![square(1.0), square(3.0), square(2.0)];
-        assert!((area(&polygons) - (36.0 - 16.0 + 4.0)).abs() < 1e-12);
     }
 }

@@ -1,7 +1,11 @@
 //! The planes that the contours of a region lie in, which need not be axial.
 
+use std::collections::HashSet;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use super::contours::{Contour, Polygons};
 use super::structures::Left;
+use crate::reconstruction::slices::area;
 use crate::reconstruction::vector::{Vec3, add, along, cross, dot, norm, normalized, scale, sub};
 
 /// Contours closer than this, in millimetres along the normal, lie in one plane.
@@ -56,11 +60,13 @@ impl Planes {
             ..Self::default()
         };
         let mut first = f64::NEG_INFINITY;
+        let mut seen = HashSet::new();
         for (height, contour) in flat {
             if height - first > SAME_PLANE {
                 first = height;
                 planes.origins.push(scale(normal, height));
                 planes.polygons.push(Vec::new());
+                seen.clear();
             }
             let polygon: Vec<[f64; 2]> = contour
                 .points
@@ -70,7 +76,8 @@ impl Planes {
             let Some(plane) = planes.polygons.last_mut() else {
                 continue;
             };
-            if plane.contains(&polygon) {
+            // Only those that look the same are compared: a plane may have very many.
+            if !seen.insert(look(&polygon)) && plane.contains(&polygon) {
                 left.repeated += 1;
             } else {
                 plane.push(polygon);
@@ -79,8 +86,14 @@ impl Planes {
         planes
     }
 
+    /// What the contours enclose, over the distance of their planes, in cubic millimetres; 0 without contours.
+    pub(super) fn volume(&self) -> f64 {
+        let areas = self.polygons.iter().map(|plane| area(plane));
+        areas.fold(0.0, |sum, area| sum + area) * self.distance()
+    }
+
     /// Distance of neighbouring planes, the median; of a single one a millimetre.
-    pub(super) fn distance(&self) -> f64 {
+    fn distance(&self) -> f64 {
         let gaps = self
             .origins
             .windows(2)
@@ -89,6 +102,16 @@ impl Planes {
         gaps.sort_by(f64::total_cmp);
         gaps.get(gaps.len() / 2).copied().unwrap_or(1.0)
     }
+}
+
+/// A number that equal contours have in common, and hardly any others.
+fn look(polygon: &[[f64; 2]]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    for v in polygon.iter().flatten() {
+        // Either zero is the same place.
+        (v + 0.0).to_bits().hash(&mut hasher);
+    }
+    hasher.finish()
 }
 
 /// The normal that the largest contours have in common; `None` without one.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::contours::{Contour, area};
+use super::contours::Contour;
 use super::element::DataSet;
 use super::planes::Planes;
 use super::tags;
@@ -108,8 +108,7 @@ pub(super) fn open<'a>(data_set: &DataSet<'_>) -> Result<Segmentation<'a>, Error
             voxels: None,
             contours: Some(region.polygons.iter().map(|plane| plane.len() as u64).sum()),
             slices: region.polygons.len() as u64,
-            volume_mm3: region.polygons.iter().map(|plane| area(plane)).sum::<f64>()
-                * region.distance(),
+            volume_mm3: region.volume(),
         });
         planes.push(region);
     }
