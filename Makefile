@@ -53,6 +53,7 @@ contract: build
 	@./scripts/client.sh
 	@./scripts/typescript.sh
 	@./scripts/python-client.sh
+	@./scripts/tls.sh
 
 check: setup web
 	cargo fmt --check

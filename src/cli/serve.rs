@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 use clap::{Args, CommandFactory, FromArgMatches};
@@ -14,7 +15,7 @@ use super::files::Sink;
 use super::worker::Orders;
 use super::{Cli, Failure, Substitute, logging};
 use crate::config::{Config, file_arguments};
-use crate::http::{self, App};
+use crate::http::{self, App, Tls, TlsFiles};
 use crate::jobs::{Store, Supervisor, store, supervisor, worker};
 
 /// How long workers may take to give their jobs back at the end; then they are killed. With the ten
@@ -112,6 +113,7 @@ async fn serve(
     // The last server may have died after erasing something and before this.
     store.shred();
 
+    let tls = tls(config)?;
     let listen = |error| Failure::Output(format!("--listen {}: {error}", config.listen));
     let listener = TcpListener::bind(config.listen).await.map_err(listen)?;
     let address = listener.local_addr().map_err(listen)?;
@@ -137,7 +139,8 @@ async fn serve(
         program,
     );
     end_on_signals(&shutdown)?;
-    tracing::info!("listening on http://{address}");
+    let scheme = if tls.is_some() { "https" } else { "http" };
+    tracing::info!("listening on {scheme}://{address}");
 
     let close = CancellationToken::new();
     let work = async {
@@ -145,7 +148,16 @@ async fn serve(
         close.cancel();
     };
     let service = async {
-        tokio::join!(http::serve(listener, app, close.clone()), work);
+        tokio::join!(
+            http::serve_tls(listener, tls.clone(), app, close.clone()),
+            work
+        );
+    };
+    let certificate = async {
+        match &tls {
+            Some(tls) => tls.follow().await.map(|never| match never {}),
+            None => std::future::pending().await,
+        }
     };
     let overdue = async {
         shutdown.cancelled().await;
@@ -154,11 +166,27 @@ async fn serve(
     };
     tokio::select! {
         () = service => {}
+        failed = certificate => failed.map_err(|error| Failure::Output(format!("no signals: {error}")))?,
         () = overdue => tracing::error!("not all ended in time"),
     }
     store.close().await;
     tracing::info!("the service has stopped");
     Ok(())
+}
+
+/// TLS, where it is asked for.
+fn tls(config: &Config) -> Result<Option<Arc<Tls>>, Failure> {
+    let (Some(cert), Some(key)) = (config.tls_cert.clone(), config.tls_key.clone()) else {
+        return Ok(None);
+    };
+    let client_ca = config.tls_client_ca.clone();
+    let files = TlsFiles {
+        cert,
+        key,
+        client_ca,
+    };
+    let tls = Tls::load(files).map_err(|error| Failure::Usage(format!("TLS: {error}")))?;
+    Ok(Some(Arc::new(tls)))
 }
 
 /// The command line of workers, less the slot.

@@ -40,6 +40,19 @@ pub struct Config {
           default_value_t = false, default_missing_value = "true", action = clap::ArgAction::Set)]
     pub allow_unauthenticated: bool,
 
+    /// Certificate of the service and those that lead to its authority, as PEM: the service speaks
+    /// TLS 1.2 and 1.3. Read again when it changes and at SIGHUP.
+    #[arg(long, env = "MESHWAY_TLS_CERT")]
+    pub tls_cert: Option<PathBuf>,
+
+    /// Private key of the certificate, as PEM.
+    #[arg(long, env = "MESHWAY_TLS_KEY")]
+    pub tls_key: Option<PathBuf>,
+
+    /// Authorities of clients, as PEM. Who shows no certificate of one of them is refused.
+    #[arg(long, env = "MESHWAY_TLS_CLIENT_CA")]
+    pub tls_client_ca: Option<PathBuf>,
+
     /// Names that the service goes by besides localhost and its addresses, with commas between
     /// them; `*`: all. A request for another host is refused: it may come from a web page.
     #[arg(long, env = "MESHWAY_ALLOWED_HOSTS", default_value = "")]
@@ -239,12 +252,20 @@ impl Config {
     /// What contradicts itself or the machine, each in one sentence.
     pub fn problems(&self, cores: usize) -> Vec<String> {
         let mut problems = Vec::new();
-        if !self.listen.ip().is_loopback() && !self.allow_unauthenticated {
+        // Certificates of clients are as good as keys.
+        let open = self.tls_client_ca.is_none() && !self.allow_unauthenticated;
+        if !self.listen.ip().is_loopback() && open {
             problems.push(format!(
                 "--listen {}: others can reach this address and there are no keys yet; listen on \
                  127.0.0.1 behind a proxy that authenticates, or give --allow-unauthenticated",
                 self.listen
             ));
+        }
+        if self.tls_cert.is_some() != self.tls_key.is_some() {
+            problems.push("--tls-cert and --tls-key go together; give both or neither".to_owned());
+        }
+        if self.tls_client_ca.is_some() && self.tls_cert.is_none() {
+            problems.push("--tls-client-ca needs --tls-cert and --tls-key".to_owned());
         }
         let asked = usize::from(self.workers) * usize::from(self.threads_per_worker.max(1));
         if asked > cores {

@@ -33,7 +33,8 @@ use tower_http::compression::predicate::{Predicate, SizeAbove};
 use tower_http::cors::{AllowHeaders, CorsLayer};
 use wire::error::{ApiError, Code};
 
-pub use door::server::serve;
+pub use door::server::{serve, serve_tls};
+pub use door::tls::{Tls, TlsError, TlsFiles};
 pub use state::{App, AppState};
 pub use system::docs::OPENAPI;
 pub use telemetry::Telemetry;

@@ -8,3 +8,4 @@ pub(in crate::http) mod places;
 pub(in crate::http) mod server;
 mod stream;
 pub(in crate::http) mod tags;
+pub(in crate::http) mod tls;

@@ -14,8 +14,9 @@ use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::server::graceful::GracefulShutdown;
-use tokio::net::TcpListener;
+use hyper_util::server::graceful::{GracefulConnection, GracefulShutdown};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::{TcpListener, TcpStream};
 use tokio_io_timeout::TimeoutStream;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
@@ -23,6 +24,7 @@ use tower::ServiceExt;
 use crate::http::door::head;
 use crate::http::door::places::{Peer, Place, Places, Watched};
 use crate::http::door::stream::{Requests, Stream};
+use crate::http::door::tls::Tls;
 use crate::http::wire::error::{ApiError, Code};
 use crate::http::wire::idempotency;
 use crate::http::{AppState, router};
@@ -43,6 +45,16 @@ const PROBES: [&str; 3] = ["/livez", "/readyz", "/metrics"];
 /// longer. Between [`crate::http::App::shutdown`] and `close` connections are still taken: clients are
 /// told that the service drains, and can read what is there.
 pub async fn serve(listener: TcpListener, app: AppState, close: CancellationToken) {
+    serve_tls(listener, None, app, close).await;
+}
+
+/// [`serve`], with TLS where it is given.
+pub async fn serve_tls(
+    listener: TcpListener,
+    tls: Option<Arc<Tls>>,
+    app: AppState,
+    close: CancellationToken,
+) {
     let patience = Duration::from_secs(u64::from(app.config.header_timeout_seconds.max(1)));
     let stall = Duration::from_secs(u64::from(app.config.download_timeout_seconds.max(1)));
     let places = Places::new(app.config.max_connections);
@@ -67,27 +79,24 @@ pub async fn serve(listener: TcpListener, app: AppState, close: CancellationToke
         let patience = if place.kept { PROBE_PATIENCE } else { patience };
         let mut stream = TimeoutStream::new(stream);
         stream.set_write_timeout(Some(stall));
-        let requests = Arc::default();
-        let stream = Stream::new(Box::pin(stream), Arc::clone(&place), Arc::clone(&requests));
         let connection = Connection {
             place: Arc::clone(&place),
-            requests,
+            requests: Arc::default(),
             router: service.clone(),
             peer,
         };
-        let service = service_fn(move |request| connection.clone().answer(request));
-        let connection = http1::Builder::new()
-            .timer(TokioTimer::new())
-            .header_read_timeout(patience)
-            .max_buf_size(head::MAX_BYTES)
-            .serve_connection(TokioIo::new(stream), service);
-        let connection = graceful.watch(connection);
-        let cut = cut.clone();
+        let (cut, watcher, tls) = (cut.clone(), graceful.watcher(), tls.clone());
         tokio::spawn(async move {
-            tokio::select! {
-                ended = connection => if let Err(error) = ended {
+            let talk = async {
+                let Some(wire) = wire(stream, tls.as_deref()).await else {
+                    return;
+                };
+                if let Err(error) = watcher.watch(connection.over(wire, patience)).await {
                     tracing::debug!(error.message = %error, "a connection broke");
-                },
+                }
+            };
+            tokio::select! {
+                () = talk => {}
                 () = cut.cancelled() => {}
                 () = place.cut.cancelled() => {}
             }
@@ -108,11 +117,25 @@ pub async fn serve(listener: TcpListener, app: AppState, close: CancellationToke
 async fn accept(
     listener: &TcpListener,
     places: &Arc<Places>,
-) -> io::Result<(tokio::net::TcpStream, Peer, Place)> {
+) -> io::Result<(TcpStream, Peer, Place)> {
     // Only once a client is there, because taking a place may close another connection.
     let (stream, peer) = listener.accept().await?;
     stream.set_nodelay(true)?;
     Ok((stream, Peer(peer), places.take().await))
+}
+
+/// What bytes go over.
+trait Wire: AsyncRead + AsyncWrite + Unpin + Send {}
+
+impl<S: AsyncRead + AsyncWrite + Unpin + Send> Wire for S {}
+
+/// The connection itself, or TLS over it; none if there is no handshake.
+async fn wire(stream: TimeoutStream<TcpStream>, tls: Option<&Tls>) -> Option<Box<dyn Wire>> {
+    let stream = Box::pin(stream);
+    match tls {
+        None => Some(Box::new(stream)),
+        Some(tls) => Some(Box::new(tls.accept(stream).await?)),
+    }
 }
 
 /// What an answer needs of its connection.
@@ -125,6 +148,21 @@ struct Connection {
 }
 
 impl Connection {
+    /// Answers the requests that come over a wire; a header may take as long as `patience`.
+    fn over(
+        self,
+        wire: Box<dyn Wire>,
+        patience: Duration,
+    ) -> impl GracefulConnection<Error = hyper::Error> {
+        let stream = Stream::new(wire, Arc::clone(&self.place), Arc::clone(&self.requests));
+        let service = service_fn(move |request| self.clone().answer(request));
+        http1::Builder::new()
+            .timer(TokioTimer::new())
+            .header_read_timeout(patience)
+            .max_buf_size(head::MAX_BYTES)
+            .serve_connection(TokioIo::new(stream), service)
+    }
+
     /// The answer to a request, whose connection is at work until it was sent.
     async fn answer(self, request: Request<Incoming>) -> Result<Response, Infallible> {
         let work = self.place.work();
