@@ -1,5 +1,6 @@
 //! The command line: one module a subcommand, exit codes, and nothing that computes.
 
+mod audit;
 mod data_folder;
 mod documents;
 mod encoding;
@@ -8,12 +9,14 @@ mod evaluate;
 mod files;
 mod health;
 mod inspect;
+mod key;
 mod logging;
 mod presets;
 mod progress;
 mod reconstruct;
 mod sample;
 mod serve;
+mod upkeep;
 mod verify;
 mod worker;
 
@@ -49,6 +52,10 @@ enum Command {
     Presets(presets::Arguments),
     /// Serve the HTTP API, with worker processes that reconstruct.
     Serve(Box<serve::Arguments>),
+    /// Make keys for a service.
+    Key(key::Arguments),
+    /// Check or export the audit trail of a service.
+    Audit(audit::Arguments),
     /// Print what completes the command line in a shell.
     Completions(documents::Completions),
     /// Print the man page, or write those of all commands into a folder.
@@ -106,6 +113,8 @@ fn run(cli: Cli, substitute: Option<&Substitute>) -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Presets(arguments) => presets::run(&arguments),
+        Command::Key(arguments) => key::run(&arguments),
+        Command::Audit(arguments) => audit::run(&arguments),
         Command::Completions(arguments) => documents::completions(&arguments),
         Command::Man(arguments) => documents::man(&arguments),
         Command::Health(arguments) => health::run(&arguments),

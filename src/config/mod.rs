@@ -12,6 +12,8 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::{Deserialize, Serialize};
 
+use crate::identity::Keyring;
+
 pub use file::{FileError, file_arguments};
 
 const MIB: u64 = 1024 * 1024;
@@ -25,7 +27,7 @@ const LEAST_WORKER_MIB: u64 = 288;
 /// Settings of `meshway serve`.
 #[derive(Debug, Clone, Serialize, Args)]
 pub struct Config {
-    /// Address to listen on. Other than loopback needs --allow-unauthenticated.
+    /// Address to listen on. Other than loopback needs keys, or --allow-unauthenticated.
     #[arg(long, env = "MESHWAY_LISTEN", default_value = "127.0.0.1:8080",
           value_parser = address)]
     pub listen: SocketAddr,
@@ -35,7 +37,7 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_DATA_DIR", default_value = "meshway-data")]
     pub data_dir: PathBuf,
 
-    /// Accept requests without keys on an address that others can reach.
+    /// Serve without keys on an address that others can reach.
     #[arg(long, env = "MESHWAY_ALLOW_UNAUTHENTICATED", num_args = 0..=1, require_equals = true,
           default_value_t = false, default_missing_value = "true", action = clap::ArgAction::Set)]
     pub allow_unauthenticated: bool,
@@ -134,6 +136,16 @@ pub struct Config {
     /// Format of the log.
     #[arg(long, env = "MESHWAY_LOG_FORMAT", default_value = "text", value_enum)]
     pub log_format: LogFormat,
+
+    /// Days that rows of the audit trail are kept: six years, as HIPAA asks of such records.
+    #[arg(long, env = "MESHWAY_AUDIT_KEEP_DAYS", default_value_t = 2_192,
+          value_parser = clap::value_parser!(u32).range(1..=36_500))]
+    pub audit_keep_days: u32,
+
+    /// The keys of the file, `[[keys]]`; see [`Keyring`]. They are not printed with the settings.
+    #[arg(skip)]
+    #[serde(skip)]
+    pub keys: Keyring,
 
     /// What is logged, as in `info,meshway=debug`.
     #[arg(long, env = "MESHWAY_LOG", default_value = "info")]
@@ -239,10 +251,11 @@ impl Config {
     /// What contradicts itself or the machine, each in one sentence.
     pub fn problems(&self, cores: usize) -> Vec<String> {
         let mut problems = Vec::new();
-        if !self.listen.ip().is_loopback() && !self.allow_unauthenticated {
+        if !self.listen.ip().is_loopback() && !self.allow_unauthenticated && self.keys.is_empty() {
             problems.push(format!(
-                "--listen {}: others can reach this address and there are no keys yet; listen on \
-                 127.0.0.1 behind a proxy that authenticates, or give --allow-unauthenticated",
+                "--listen {}: others can reach this address and there are no keys; put some into \
+                 the file of --config (`meshway key new` makes them), listen on 127.0.0.1 behind a \
+                 proxy that authenticates, or give --allow-unauthenticated",
                 self.listen
             ));
         }

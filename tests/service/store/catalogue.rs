@@ -10,6 +10,7 @@ use sqlx::Row;
 
 use crate::server::{PATIENCE, until};
 use crate::store::support::{Bench, new_cloud, success};
+use crate::who::{ours, us};
 
 fn response(body: &str) -> StoredResponse {
     StoredResponse {
@@ -23,7 +24,8 @@ fn response(body: &str) -> StoredResponse {
 async fn an_answer_is_given_again_and_a_key_has_one_use() {
     let bench = Bench::new().await;
     let store = &bench.store;
-    let begin = |key: &'static str, hash: &'static str| store.idempotency_begin(key, "POST", hash);
+    let begin =
+        |key: &'static str, hash: &'static str| store.by(us()).idempotency_begin(key, "POST", hash);
     assert_eq!(begin("k", "h").await.unwrap(), IdempotencyState::New);
     assert_eq!(begin("k", "h").await.unwrap(), IdempotencyState::InFlight);
     assert_eq!(
@@ -31,6 +33,7 @@ async fn an_answer_is_given_again_and_a_key_has_one_use() {
         IdempotencyState::Mismatch
     );
     store
+        .by(us())
         .idempotency_complete("k", "POST", None, response("a"))
         .await
         .unwrap();
@@ -39,12 +42,17 @@ async fn an_answer_is_given_again_and_a_key_has_one_use() {
         IdempotencyState::Replay(response("a"))
     );
     let twice = store
+        .by(us())
         .idempotency_complete("k", "POST", None, response("b"))
         .await;
     assert!(matches!(twice, Err(Error::Stale)), "{twice:?}");
 
     assert_eq!(begin("l", "h").await.unwrap(), IdempotencyState::New);
-    store.idempotency_abandon("l", "POST").await.unwrap();
+    store
+        .by(us())
+        .idempotency_abandon("l", "POST")
+        .await
+        .unwrap();
     assert_eq!(begin("l", "h").await.unwrap(), IdempotencyState::New);
     assert_eq!(store.idempotency_abandon_all().await.unwrap(), 1);
     bench.pass(1);
@@ -65,6 +73,7 @@ async fn the_answer_to_a_submission_is_in_the_jobs_own_transaction() {
     };
     let refused = bench
         .store
+        .by(us())
         .submit(bench.new_job(), keep("never begun"))
         .await;
     assert!(matches!(refused, Err(Error::Stale)), "{refused:?}");
@@ -72,16 +81,19 @@ async fn the_answer_to_a_submission_is_in_the_jobs_own_transaction() {
 
     bench
         .store
+        .by(us())
         .idempotency_begin("k", "POST", "h")
         .await
         .unwrap();
     let job = bench
         .store
+        .by(us())
         .submit(bench.new_job(), keep("k"))
         .await
         .unwrap();
     let state = bench
         .store
+        .by(us())
         .idempotency_begin("k", "POST", "h")
         .await
         .unwrap();
@@ -95,25 +107,32 @@ async fn lists_go_backwards_in_pages_and_take_filters() {
     for i in 0..5 {
         let mut new = bench.new_job();
         new.labels.insert("run \"1'".to_owned(), i.to_string());
-        ids.push(bench.store.submit(new, None).await.unwrap().id);
+        ids.push(bench.store.by(us()).submit(new, None).await.unwrap().id);
         bench.pass(1_000);
     }
     ids.reverse();
     let all = JobFilter::default();
-    let page = bench.store.list_jobs(&all, None, 2).await.unwrap();
+    let page = bench
+        .store
+        .of(ours())
+        .list_jobs(&all, None, 2)
+        .await
+        .unwrap();
     bench.submit().await;
     let rest = bench
         .store
+        .of(ours())
         .list_jobs(&all, Some(&page[1].id), 10)
         .await
         .unwrap();
     let seen: Vec<_> = page.iter().chain(&rest).map(|job| job.id.clone()).collect();
     assert_eq!(seen, ids, "an insert does not move the pages");
 
-    bench.store.request_cancel(&ids[4]).await.unwrap();
+    bench.store.by(us()).request_cancel(&ids[4]).await.unwrap();
     let count = async |filter: JobFilter| {
         bench
             .store
+            .of(ours())
             .list_jobs(&filter, None, 50)
             .await
             .unwrap()
@@ -176,23 +195,38 @@ async fn lists_go_backwards_in_pages_and_take_filters() {
 #[tokio::test]
 async fn the_same_bytes_are_one_cloud() {
     let bench = Bench::new().await;
-    let (again, created) = bench.store.insert_cloud(new_cloud("a")).await.unwrap();
+    let (again, created) = bench
+        .store
+        .by(us())
+        .insert_cloud(new_cloud("a"))
+        .await
+        .unwrap();
     assert_eq!((&again.id, created), (&bench.cloud_id, false));
-    let (other, created) = bench.store.insert_cloud(new_cloud("b")).await.unwrap();
+    let (other, created) = bench
+        .store
+        .by(us())
+        .insert_cloud(new_cloud("b"))
+        .await
+        .unwrap();
     assert!(created);
     assert_eq!(
-        bench.store.cloud(&other.id).await.unwrap(),
+        bench.store.of(ours()).cloud(&other.id).await.unwrap(),
         Some(other.clone())
     );
     assert_eq!(
-        bench.store.cloud_by_sha256("b").await.unwrap(),
+        bench.store.of(ours()).cloud_by_sha256("b").await.unwrap(),
         Some(other.clone())
     );
     assert_eq!(bench.store.sha256s().await.unwrap(), ["a", "b"]);
-    let page = bench.store.list_clouds(None, 1).await.unwrap();
+    let page = bench.store.of(ours()).list_clouds(None, 1).await.unwrap();
     assert_eq!(page, [other]);
     assert_eq!(
-        bench.store.list_clouds(Some(&page[0].id), 9).await.unwrap(),
+        bench
+            .store
+            .of(ours())
+            .list_clouds(Some(&page[0].id), 9)
+            .await
+            .unwrap(),
         [again]
     );
 }
@@ -201,7 +235,7 @@ async fn the_same_bytes_are_one_cloud() {
 async fn one_stream_tells_the_events_of_all_jobs_in_order() {
     let bench = Bench::new().await;
     bench.submit().await;
-    let before = bench.store.last_seq().await.unwrap();
+    let before = bench.store.of(ours()).last_seq().await.unwrap();
     let second = bench.submit().await.id;
     let claim = bench.claim().await;
     let reason = FailureReason::Unresponsive;
@@ -210,7 +244,12 @@ async fn one_stream_tells_the_events_of_all_jobs_in_order() {
         .attempt_failed(claim.job_id(), 1, reason)
         .await
         .unwrap();
-    let events = bench.store.all_events_after(before, 10).await.unwrap();
+    let events = bench
+        .store
+        .of(ours())
+        .all_events_after(before, 10)
+        .await
+        .unwrap();
     let told: Vec<_> = events
         .iter()
         .map(|e| (e.job_id.clone(), e.kind.name()))
@@ -224,11 +263,19 @@ async fn one_stream_tells_the_events_of_all_jobs_in_order() {
             (first, "job.queued")
         ]
     );
-    assert_eq!(bench.store.last_seq().await.unwrap(), events[2].seq);
+    assert_eq!(
+        bench.store.of(ours()).last_seq().await.unwrap(),
+        events[2].seq
+    );
     // A newest event that is erased does not give its place to another one.
-    bench.store.delete_job(&events[2].job_id).await.unwrap();
+    bench
+        .store
+        .by(us())
+        .delete_job(&events[2].job_id)
+        .await
+        .unwrap();
     bench.submit().await;
-    assert!(bench.store.last_seq().await.unwrap() > events[2].seq);
+    assert!(bench.store.of(ours()).last_seq().await.unwrap() > events[2].seq);
 }
 
 #[tokio::test]
@@ -246,7 +293,7 @@ async fn a_row_that_cannot_be_read_names_its_column() {
             .await
             .unwrap();
         sqlx::query(statement).execute(&mut db).await.unwrap();
-        let error = bench.store.job(&id).await.unwrap_err();
+        let error = bench.store.of(ours()).job(&id).await.unwrap_err();
         assert!(
             matches!(&error, Error::Inconsistent { table: "jobs", column, .. } if *column == wanted),
             "{error}"
@@ -266,6 +313,7 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
     let bench = Bench::new().await;
     bench
         .store
+        .by(us())
         .idempotency_begin("k", "POST", "h")
         .await
         .unwrap();
@@ -276,6 +324,7 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
     };
     let job = bench
         .store
+        .by(us())
         .submit(bench.new_job(), Some(keep))
         .await
         .unwrap();
@@ -302,12 +351,12 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
     bench.store.succeed(&claim, success()).await.unwrap();
 
     for id in [&job.id, &running] {
-        let before = bench.store.delete_job(id).await.unwrap();
+        let before = bench.store.by(us()).delete_job(id).await.unwrap();
         assert_eq!(before.found().map(|job| job.id), Some(id.clone()));
         for known in [
-            bench.store.job(id).await.unwrap(),
-            bench.store.request_cancel(id).await.unwrap(),
-            bench.store.delete_job(id).await.unwrap(),
+            bench.store.of(ours()).job(id).await.unwrap(),
+            bench.store.by(us()).request_cancel(id).await.unwrap(),
+            bench.store.by(us()).delete_job(id).await.unwrap(),
         ] {
             assert!(
                 matches!(&known, Lookup::Gone(stone) if stone.reason == "deleted" && stone.deleted_at == bench.store.now()),
@@ -341,7 +390,7 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
         .await
         .unwrap();
     assert_eq!(kept, (Vec::new(), "[]".to_owned()));
-    let again = bench.store.idempotency_begin("k", "POST", "h");
+    let again = bench.store.by(us()).idempotency_begin("k", "POST", "h");
     let state = again.await.unwrap();
     assert!(
         matches!(&state, IdempotencyState::Gone(stone) if stone.reason == "deleted"),
@@ -365,7 +414,7 @@ async fn erased_bytes_are_in_no_file() {
         })
     };
     assert!(found());
-    bench.store.delete_job(&id).await.unwrap();
+    bench.store.by(us()).delete_job(&id).await.unwrap();
     until("they are overwritten", PATIENCE, async || {
         (!found()).then_some(())
     })
