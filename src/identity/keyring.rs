@@ -160,6 +160,18 @@ impl Keyring {
         })
     }
 
+    /// Whether somebody who was let in would be let in now, too.
+    pub fn is_good(&self, caller: &Caller, now: i64) -> bool {
+        let Actor::Key { id, .. } = &caller.actor else {
+            return self.is_empty();
+        };
+        let keys = self.keys();
+        let key = keys.values().find(|key| key.hash.id() == **id);
+        key.is_some_and(|key| {
+            key.tenant == caller.tenant && key.expires.is_none_or(|end| now < end)
+        })
+    }
+
     fn keys(&self) -> Arc<Keys> {
         Arc::clone(&self.0.read().unwrap_or_else(PoisonError::into_inner))
     }
@@ -343,9 +355,14 @@ mod tests {
         clone
             .replace(&Keyring::of_file(&file(&new, "")).unwrap())
             .unwrap();
-        assert!(keyring.identify(&new, None, 0).is_ok());
+        let caller = keyring.identify(&new, None, 0).unwrap();
+        assert!(keyring.is_good(&caller, 0) && !keyring.is_good(&Caller::anybody(), 0));
         assert_eq!(keyring.identify(&old, None, 0), Err(Refusal::Unknown));
         assert!(clone.replace(&Keyring::default()).is_err());
+        clone
+            .replace(&Keyring::of_file(&file(&old, "")).unwrap())
+            .unwrap();
+        assert!(!keyring.is_good(&caller, 0));
         assert!(!keyring.is_empty());
     }
 }

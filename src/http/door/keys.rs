@@ -81,14 +81,14 @@ pub(in crate::http) async fn admit(
             Err(error) => {
                 let stranger = asking(Caller::stranger());
                 if app.strangers.is_due(address, app.store.now()) {
-                    note(&app, &stranger, Act::AuthFail, &operation).await?;
+                    note(&app, &stranger, Act::AuthFail, &operation).await;
                 }
                 return Err(error);
             }
         }
     };
     if !caller.may(scope) {
-        note(&app, &caller, Act::AuthDeny, &operation).await?;
+        note(&app, &caller, Act::AuthDeny, &operation).await;
         return Err(lacking(scope));
     }
     if let Actor::Key { id, .. } = &caller.actor
@@ -181,9 +181,12 @@ fn operation(request: &Request) -> String {
     format!("{} {route}", request.method())
 }
 
-async fn note(app: &AppState, caller: &Caller, act: Act, operation: &str) -> Result<()> {
+/// Notes a refusal. It is one whether or not it can be noted.
+async fn note(app: &AppState, caller: &Caller, act: Act, operation: &str) {
     let acts = app.store.by(caller);
-    Ok(acts.note(act, operation, AuditOutcome::Refused).await?)
+    if let Err(error) = acts.note(act, operation, AuditOutcome::Refused).await {
+        tracing::warn!(act = act.name(), error.message = %error, "a refusal was not noted");
+    }
 }
 
 #[cfg(test)]

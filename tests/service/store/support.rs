@@ -10,8 +10,8 @@ use crate::who::{ours, us};
 use meshway::intake::Summary;
 use meshway::jobs::store::{CONTENT_FILE, DATABASE_FILE};
 use meshway::jobs::{
-    Claim, CloudId, Event, Job, JobId, Lease, NewCloud, NewJob, NewMesh, Options, Record, Store,
-    Success,
+    Acts, Claim, CloudId, Event, Job, JobId, Lease, NewCloud, NewJob, NewMesh, Options, Record,
+    Records, Store, Success,
 };
 use meshway::reconstruction::cloud::{Counts, Format};
 use meshway::reconstruction::space::Space;
@@ -51,6 +51,16 @@ impl Bench {
             clock,
             dir,
         }
+    }
+
+    /// The records of the tenant of all.
+    pub(crate) fn records(&self) -> Records<'_> {
+        self.store.of(ours())
+    }
+
+    /// What is done to them.
+    pub(crate) fn acts(&self) -> Acts<'_> {
+        self.store.by(us())
     }
 
     pub(crate) fn path(&self) -> &Path {
