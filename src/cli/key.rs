@@ -58,20 +58,21 @@ impl New {
             let items: Vec<_> = items.iter().map(|item| quoted(item)).collect();
             format!("[{}]", items.join(", "))
         };
-        let mut block = format!(
-            "[[keys]]\nname = {}\ntenant = {}\nhash = {}\nscopes = {}\n",
-            quoted(&self.name),
-            quoted(self.tenant.as_str()),
-            quoted(&secret.hash().to_string()),
-            list(self.scopes.iter().map(ToString::to_string).collect()),
-        );
-        if let Some(end) = &self.expires {
-            block += &format!("expires = {end}\n");
-        }
+        let mut lines = vec![
+            "[[keys]]".to_owned(),
+            format!("name = {}", quoted(&self.name)),
+            format!("tenant = {}", quoted(self.tenant.as_str())),
+            format!("hash = {}", quoted(&secret.hash().to_string())),
+            format!(
+                "scopes = {}",
+                list(self.scopes.iter().map(ToString::to_string).collect())
+            ),
+        ];
+        lines.extend(self.expires.as_ref().map(|end| format!("expires = {end}")));
         if !self.networks.is_empty() {
             let networks = self.networks.iter().map(ToString::to_string).collect();
-            block += &format!("networks = {}\n", list(networks));
+            lines.push(format!("networks = {}", list(networks)));
         }
-        block
+        lines.join("\n") + "\n"
     }
 }

@@ -85,12 +85,8 @@ async fn open(folder: &Path) -> Result<Store, Failure> {
     opened.map_err(failed)
 }
 
-fn failed(error: crate::jobs::Error) -> Failure {
-    Failure::Output(error.to_string())
-}
-
 async fn verify(store: &Store, known: &[AuditHead]) -> Result<(), Failure> {
-    match store.audit_verify(known).await.map_err(failed)? {
+    match store.audit_verify(known).await? {
         Ok(head) => Sink::new(Path::new("-"))?
             .write(|out| writeln!(out, "the trail is whole; head {}:{}", head.seq, head.hash)),
         Err(fault) => {
@@ -108,7 +104,7 @@ async fn export(store: &Store, format: Format, tenant: Option<&Tenant>) -> Resul
     let mut writer = export::Writer::new(format);
     let mut text = writer.begin();
     loop {
-        let rows = store.audit_after(seq, PAGE).await.map_err(failed)?;
+        let rows = store.audit_after(seq, PAGE).await?;
         let wanted = |row: &&AuditRow| {
             tenant.is_none_or(|tenant| row.tenant.as_deref() == Some(tenant.as_str()))
         };
