@@ -11,6 +11,8 @@ root=$(cd "$(dirname "$0")/.." && pwd)
 program=${MESHWAY:-$root/target/release/meshway}
 examples=${EXAMPLES:-20}
 package=schemathesis
+# With a key: what the contract asks for is asked for.
+scopes=read,write,delete,audit,admin
 
 fail() { echo "contract: $*" >&2; exit 1; }
 
@@ -18,10 +20,10 @@ fail() { echo "contract: $*" >&2; exit 1; }
 
 # A job to ask about: made-up ids only ever meet 404.
 "$program" sample sphere --points 500 --output "$work/sphere.ply" >/dev/null
-job=$("$tools/bin/python" - "$address" "$work/sphere.ply" <<'PYTHON'
+job=$("$tools/bin/python" - "$address" "$work/sphere.ply" "$key" <<'PYTHON'
 import json, sys, urllib.request
 
-address, path = sys.argv[1:]
+address, path, key = sys.argv[1:]
 settings = json.dumps({"preset": "fast", "settings": {
     "training": {"max_evaluations": 20, "snapshot_evaluations": [10], "histogram_evaluations": [5]},
     "surface": {"resolution": 24}}})
@@ -29,7 +31,7 @@ form = (b"--x\r\nContent-Disposition: form-data; name=\"job\"\r\n\r\n" + setting
         + b"\r\n--x\r\nContent-Disposition: form-data; name=\"file\"; filename=\"sphere.ply\"\r\n\r\n"
         + open(path, "rb").read().replace(b"element vertex", b"comment SPACE=LPS\nelement vertex", 1) + b"\r\n--x--\r\n")
 request = urllib.request.Request(address + "/v1/jobs", form, {
-    "Content-Type": "multipart/form-data; boundary=x", "Prefer": "wait=60"})
+    "Content-Type": "multipart/form-data; boundary=x", "Prefer": "wait=60", "Authorization": "Bearer " + key})
 job = json.load(urllib.request.urlopen(request))
 assert job["status"] == "succeeded", job
 print(job["id"], job["cloud_id"])
@@ -73,7 +75,7 @@ parameters = { "path.id" = "$cloud" }
 TOML
 # Event streams end with their job or the service: the one over all jobs is left to our own tests.
 "$tools/bin/schemathesis" --config-file "$work/schemathesis.toml" run "$root/openapi.yaml" \
-  --url "$address" --checks all --max-examples "$examples" --seed 1 --request-timeout 30 \
+  --url "$address" --header "Authorization: Bearer $key" --checks all --max-examples "$examples" --seed 1 --request-timeout 30 \
   --exclude-path /v1/events \
   --suppress-health-check all --no-color "$@" || {
     status=$?

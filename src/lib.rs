@@ -17,6 +17,7 @@ pub mod cli;
 pub mod config;
 pub mod folder;
 pub mod http;
+pub mod identity;
 pub mod intake;
 pub mod jobs;
 pub mod reconstruction;

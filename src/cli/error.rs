@@ -7,6 +7,7 @@ use std::process::ExitCode;
 
 use thiserror::Error;
 
+use crate::jobs;
 use crate::reconstruction::{self, cloud, settings};
 
 /// Why a command did not do what it was asked.
@@ -35,6 +36,12 @@ pub enum Failure {
     /// A result cannot be written, or a check did not pass.
     #[error("{0}")]
     Output(String),
+}
+
+impl From<jobs::Error> for Failure {
+    fn from(error: jobs::Error) -> Self {
+        Self::Output(error.to_string())
+    }
 }
 
 impl Failure {

@@ -1,5 +1,6 @@
 //! The command line: one module a subcommand, exit codes, and nothing that computes.
 
+mod audit;
 mod data_folder;
 mod documents;
 mod encoding;
@@ -8,6 +9,7 @@ mod evaluate;
 mod files;
 mod health;
 mod inspect;
+mod key;
 mod logging;
 mod parts;
 mod presets;
@@ -15,6 +17,7 @@ mod progress;
 mod reconstruct;
 mod sample;
 mod serve;
+mod upkeep;
 mod verify;
 mod worker;
 
@@ -50,6 +53,10 @@ enum Command {
     Presets(presets::Arguments),
     /// Serve the HTTP API, with worker processes that reconstruct.
     Serve(Box<serve::Arguments>),
+    /// Make keys for a service.
+    Key(key::Arguments),
+    /// Check or export the audit trail of a service.
+    Audit(audit::Arguments),
     /// Print what completes the command line in a shell.
     Completions(documents::Completions),
     /// Print the man page, or write those of all commands into a folder.
@@ -107,6 +114,8 @@ fn run(cli: Cli, substitute: Option<&Substitute>) -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Presets(arguments) => presets::run(&arguments),
+        Command::Key(arguments) => key::run(&arguments),
+        Command::Audit(arguments) => audit::run(&arguments),
         Command::Completions(arguments) => documents::completions(&arguments),
         Command::Man(arguments) => documents::man(&arguments),
         Command::Health(arguments) => health::run(&arguments),

@@ -13,9 +13,10 @@ use tokio_util::sync::CancellationToken;
 use super::data_folder::DataFolder;
 use super::files::Sink;
 use super::worker::Orders;
-use super::{Cli, Failure, Substitute, logging};
+use super::{Cli, Command, Failure, Substitute, logging, upkeep};
 use crate::config::{Config, file_arguments};
 use crate::http::{self, App, Tls, TlsFiles};
+use crate::identity::Keyring;
 use crate::jobs::{Store, Supervisor, store, supervisor, worker};
 
 /// How long workers may take to give their jobs back at the end; then they are killed. With the ten
@@ -32,7 +33,8 @@ const LONGEST_END: Duration = Duration::from_secs(28);
 pub(super) struct Arguments {
     #[command(flatten)]
     config: Config,
-    /// TOML file with settings, by the names of the flags with underscores.
+    /// TOML file with settings, by the names of the flags with underscores, and with keys. SIGHUP
+    /// has the keys read again.
     #[arg(long = "config", value_name = "FILE")]
     file: Option<PathBuf>,
     /// Print the settings as such a file, and end.
@@ -57,7 +59,13 @@ impl Arguments {
             .map_err(|error| Failure::Usage(format!("--config {}: {error}", path.display())))?;
         // The program and its subcommand come first.
         let (head, flags) = line.split_at(line.len().min(2));
-        parse(&[head, &settings, flags].concat())
+        let mut cli = parse(&[head, &settings, flags].concat())?;
+        if let Command::Serve(arguments) = &mut cli.command {
+            let keys = Keyring::of_file(&text);
+            arguments.config.keys = keys
+                .map_err(|fault| Failure::Usage(format!("--config {}: {fault}", path.display())))?;
+        }
+        Ok(cli)
     }
 }
 
@@ -139,6 +147,10 @@ async fn serve(
         program,
     );
     end_on_signals(&shutdown)?;
+    if let Some(file) = &arguments.file {
+        upkeep::reload_keys(file.clone(), config.keys.clone())?;
+    }
+    tokio::spawn(upkeep::keep_audit(store.clone(), config.clone()));
     let scheme = if tls.is_some() { "https" } else { "http" };
     tracing::info!("listening on {scheme}://{address}");
 

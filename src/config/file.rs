@@ -11,6 +11,9 @@ use toml::de::{DeTable, DeValue};
 
 use crate::nearest::did_you_mean;
 
+/// The part of the file that is no setting: [`crate::identity::Keyring`] reads it.
+const KEYS: &str = "keys";
+
 /// Why a configuration file is refused.
 #[derive(Debug, Error)]
 pub enum FileError {
@@ -40,6 +43,9 @@ pub fn file_arguments(text: &str, command: &Command) -> Result<Vec<OsString>, Fi
     let (mut arguments, mut faults) = (Vec::new(), Vec::new());
     for (key, value) in table.get_ref() {
         let name = key.get_ref().as_ref();
+        if name == KEYS {
+            continue;
+        }
         match file_argument(name, value.get_ref(), &known, &alone) {
             // The environment wins, also over a value that is fine.
             Ok(_) if in_environment(name, command) => {}

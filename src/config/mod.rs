@@ -12,6 +12,8 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::{Deserialize, Serialize};
 
+use crate::identity::Keyring;
+
 pub use file::{FileError, file_arguments};
 
 const MIB: u64 = 1024 * 1024;
@@ -25,7 +27,7 @@ const LEAST_WORKER_MIB: u64 = 288;
 /// Settings of `meshway serve`.
 #[derive(Debug, Clone, Serialize, Args)]
 pub struct Config {
-    /// Address to listen on. Other than loopback needs --allow-unauthenticated.
+    /// Address to listen on. Other than loopback needs keys, or --allow-unauthenticated.
     #[arg(long, env = "MESHWAY_LISTEN", default_value = "127.0.0.1:8080",
           value_parser = address)]
     pub listen: SocketAddr,
@@ -35,7 +37,7 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_DATA_DIR", default_value = "meshway-data")]
     pub data_dir: PathBuf,
 
-    /// Accept requests without keys on an address that others can reach.
+    /// Serve without keys on an address that others can reach.
     #[arg(long, env = "MESHWAY_ALLOW_UNAUTHENTICATED", num_args = 0..=1, require_equals = true,
           default_value_t = false, default_missing_value = "true", action = clap::ArgAction::Set)]
     pub allow_unauthenticated: bool,
@@ -148,6 +150,16 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_LOG_FORMAT", default_value = "text", value_enum)]
     pub log_format: LogFormat,
 
+    /// Days that rows of the audit trail are kept: six years, as HIPAA asks of such records.
+    #[arg(long, env = "MESHWAY_AUDIT_KEEP_DAYS", default_value_t = 2_192,
+          value_parser = clap::value_parser!(u32).range(1..=36_500))]
+    pub audit_keep_days: u32,
+
+    /// The keys of the file, `[[keys]]`; see [`Keyring`]. They are not printed with the settings.
+    #[arg(skip)]
+    #[serde(skip)]
+    pub keys: Keyring,
+
     /// What is logged, as in `info,meshway=debug`.
     #[arg(long, env = "MESHWAY_LOG", default_value = "info")]
     pub log: String,
@@ -252,12 +264,12 @@ impl Config {
     /// What contradicts itself or the machine, each in one sentence.
     pub fn problems(&self, cores: usize) -> Vec<String> {
         let mut problems = Vec::new();
-        // Certificates of clients are as good as keys.
-        let open = self.tls_client_ca.is_none() && !self.allow_unauthenticated;
-        if !self.listen.ip().is_loopback() && open {
+        let known = self.tls_client_ca.is_some() || !self.keys.is_empty();
+        if !self.listen.ip().is_loopback() && !known && !self.allow_unauthenticated {
             problems.push(format!(
-                "--listen {}: others can reach this address and there are no keys yet; listen on \
-                 127.0.0.1 behind a proxy that authenticates, or give --allow-unauthenticated",
+                "--listen {}: others can reach this address and there are no keys; put some into \
+                 the file of --config (`meshway key new` makes them), listen on 127.0.0.1 behind a \
+                 proxy that authenticates, or give --allow-unauthenticated",
                 self.listen
             ));
         }
@@ -295,97 +307,4 @@ impl Config {
 }
 
 #[cfg(test)]
-mod tests {
-    use clap::Parser;
-
-    use std::ffi::OsString;
-
-    use super::*;
-
-    #[derive(Debug, Parser)]
-    #[command(args_override_self = true)]
-    struct Program {
-        #[command(flatten)]
-        config: Config,
-    }
-
-    fn parse(file: &str, flags: &[&str]) -> Config {
-        let command = <Program as clap::CommandFactory>::command();
-        let mut arguments = vec![OsString::from("meshway")];
-        arguments.extend(file_arguments(file, &command).unwrap());
-        arguments.extend(flags.iter().map(OsString::from));
-        Program::try_parse_from(arguments).unwrap().config
-    }
-
-    #[test]
-    fn flags_win_over_the_file_and_the_file_over_defaults() {
-        let config = parse(
-            "workers = 3\nqueue_limit = 7\nallow_unauthenticated = true",
-            &["--workers=2"],
-        );
-        assert_eq!(
-            (config.workers, config.queue_limit, config.max_events),
-            (2, 7, 100_000)
-        );
-        assert!(config.allow_unauthenticated);
-    }
-
-    #[test]
-    fn an_address_may_have_a_name() {
-        for (text, expected) in [
-            ("localhost:8080", "127.0.0.1:8080"),
-            ("[::1]:80", "[::1]:80"),
-        ] {
-            assert_eq!(address(text), Ok(expected.parse().unwrap()), "{text}");
-        }
-        for wrong in ["8080", ":8080", "localhost", "localhost:http"] {
-            assert!(address(wrong).unwrap_err().contains("HOST:PORT"), "{wrong}");
-        }
-    }
-
-    #[test]
-    fn a_base_path_may_be_there_or_not() {
-        let config = parse("base_path = '/a/b/'", &[]);
-        assert_eq!(config.address("/v1/jobs"), "/a/b/v1/jobs");
-        for (path, expected) in [
-            ("/a/b/v1/jobs", "/v1/jobs"),
-            ("/v1/jobs", "/v1/jobs"),
-            ("/a/b", "/"),
-            ("/a/bc", "/a/bc"),
-        ] {
-            assert_eq!(config.below_base(path), expected);
-        }
-        let without = parse("", &["--base-path=/"]);
-        assert_eq!(without.address("/v1/jobs"), "/v1/jobs");
-        assert_eq!(without.below_base("/v1/jobs"), "/v1/jobs");
-        for wrong in ["a", "/a//b", "/a/../b", "/a b", "http://a/b"] {
-            assert!(base_path(wrong).is_err(), "{wrong}");
-        }
-    }
-
-    #[test]
-    fn the_printed_configuration_reads_back() {
-        let config = parse("", &["--workers", "2", "--log-format", "json"]);
-        let text = config.to_toml().unwrap();
-        assert_eq!(parse(&text, &[]).to_toml().unwrap(), text);
-    }
-
-    #[test]
-    fn an_open_address_too_many_threads_and_too_little_memory_are_problems() {
-        let config = parse(
-            "",
-            &[
-                "--listen=0.0.0.0:80",
-                "--workers=2",
-                "--threads-per-worker=4",
-            ],
-        );
-        assert_eq!(config.problems(2).len(), 2);
-        let small = parse("", &["--worker-memory-mib=287"]).problems(1);
-        assert!(small[0].contains("at least 288"), "{small:?}");
-        for enough in ["--worker-memory-mib=288", "--worker-memory-mib=0"] {
-            assert!(parse("", &[enough]).problems(1).is_empty());
-        }
-        assert_eq!(parse("", &["--workers=2"]).worker_threads(8), 4);
-    }
-}
+mod tests;

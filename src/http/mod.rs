@@ -25,8 +25,9 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, MethodRouter, on};
 
 use crate::config::Config;
-use door::{base, observe, origin, tags};
-use resources::{clouds, events, field, jobs, meshes, series};
+use crate::identity::Scope;
+use door::{base, keys, observe, origin, tags};
+use resources::{clouds, events, field, jobs, meshes, series, trust};
 use tower::util::option_layer;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{Predicate, SizeAbove};
@@ -44,7 +45,7 @@ pub use wire::error;
 const PREFLIGHT: Duration = Duration::from_mins(10);
 
 /// Response headers that such a page may read.
-const EXPOSED: [&str; 11] = [
+const EXPOSED: [&str; 12] = [
     "content-disposition",
     "content-range",
     "etag",
@@ -55,6 +56,7 @@ const EXPOSED: [&str; 11] = [
     "meshway-verdict",
     "preference-applied",
     "retry-after",
+    "www-authenticate",
     "x-request-id",
 ];
 
@@ -64,63 +66,76 @@ const LEAST_COMPRESSED: u64 = 1_024;
 /// Bytes that a form may have beyond its file: names, boundaries, the `job` part.
 const FORM_OVERHEAD: usize = 1 << 20;
 
-/// One row of the API: a method, a path, and who answers.
+/// One row of the API: a method, a path, what it needs, and who answers.
 struct Operation {
     method: Method,
     path: &'static str,
+    scope: Option<Scope>,
     handler: MethodRouter<AppState>,
 }
+
+/// What an operation needs that anybody may ask for.
+const OPEN: Option<Scope> = None;
+const READ: Option<Scope> = Some(Scope::Read);
+const WRITE: Option<Scope> = Some(Scope::Write);
+const DELETE: Option<Scope> = Some(Scope::Delete);
+const AUDIT: Option<Scope> = Some(Scope::Audit);
+const ADMIN: Option<Scope> = Some(Scope::Admin);
 
 /// Clouds and jobs: what is put in.
 fn intake() -> Vec<Operation> {
     vec![
-        post("/v1/clouds", clouds::create),
-        get("/v1/clouds", clouds::list),
-        get("/v1/clouds/{id}", clouds::show),
-        delete("/v1/clouds/{id}", clouds::erase),
-        get("/v1/clouds/{id}/content", clouds::content),
-        get("/v1/clouds/{id}/points", clouds::points::subset),
-        post("/v1/jobs", jobs::create),
-        get("/v1/jobs", jobs::list),
-        get("/v1/jobs/{id}", jobs::show),
-        delete("/v1/jobs/{id}", jobs::erase),
-        post("/v1/jobs/{id}/cancel", jobs::cancel),
-        post("/v1/jobs/{id}/retry", jobs::retry),
+        post("/v1/clouds", WRITE, clouds::create),
+        get("/v1/clouds", READ, clouds::list),
+        get("/v1/clouds/{id}", READ, clouds::show),
+        delete("/v1/clouds/{id}", DELETE, clouds::erase),
+        get("/v1/clouds/{id}/content", READ, clouds::content),
+        get("/v1/clouds/{id}/points", READ, clouds::points::subset),
+        post("/v1/jobs", WRITE, jobs::create),
+        get("/v1/jobs", READ, jobs::list),
+        get("/v1/jobs/{id}", READ, jobs::show),
+        delete("/v1/jobs/{id}", DELETE, jobs::erase),
+        post("/v1/jobs/{id}/cancel", WRITE, jobs::cancel),
+        post("/v1/jobs/{id}/retry", WRITE, jobs::retry),
     ]
 }
 
 /// Events, series, meshes and the system: what comes out.
 fn results() -> Vec<Operation> {
     vec![
-        get("/v1/events", events::of_all),
-        get("/v1/jobs/{id}/events", events::of_job),
-        get("/v1/jobs/{id}/metrics", series::metrics),
-        get("/v1/jobs/{id}/gradients", series::gradients),
-        get("/v1/jobs/{id}/mesh", meshes::negotiated),
-        get("/v1/jobs/{id}/mesh.{format}", meshes::result),
-        get("/v1/jobs/{id}/mask.nii.gz", meshes::mask),
-        get("/v1/jobs/{id}/snapshots", meshes::snapshots),
-        get("/v1/jobs/{id}/snapshots/{file}", meshes::snapshot),
-        get("/v1/jobs/{id}/report", meshes::report),
-        get("/v1/jobs/{id}/model", meshes::model),
-        post("/v1/jobs/{id}/field", field::evaluate),
-        get("/v1/presets", system::presets),
-        get("/v1/limits", system::limits),
-        get("/v1/version", system::version),
-        get("/livez", system::livez),
-        get("/readyz", system::readyz),
-        get("/metrics", system::metrics),
-        get("/openapi.yaml", system::openapi),
-        get("/docs", system::reference),
-        get("/assets/{file}", system::web::asset),
-        get("/", system::web::start),
+        get("/v1/events", READ, events::of_all),
+        get("/v1/jobs/{id}/events", READ, events::of_job),
+        get("/v1/jobs/{id}/metrics", READ, series::metrics),
+        get("/v1/jobs/{id}/gradients", READ, series::gradients),
+        get("/v1/jobs/{id}/mesh", READ, meshes::negotiated),
+        get("/v1/jobs/{id}/mesh.{format}", READ, meshes::result),
+        get("/v1/jobs/{id}/mask.nii.gz", READ, meshes::mask),
+        get("/v1/jobs/{id}/snapshots", READ, meshes::snapshots),
+        get("/v1/jobs/{id}/snapshots/{file}", READ, meshes::snapshot),
+        get("/v1/jobs/{id}/report", READ, meshes::report),
+        get("/v1/jobs/{id}/model", READ, meshes::model),
+        post("/v1/jobs/{id}/field", READ, field::evaluate),
+        get("/v1/presets", READ, system::presets),
+        get("/v1/limits", READ, system::limits),
+        get("/v1/version", READ, system::version),
+        get("/v1/keys", ADMIN, trust::keys),
+        get("/v1/audit", AUDIT, trust::audit),
+        get("/livez", OPEN, system::livez),
+        get("/readyz", OPEN, system::readyz),
+        get("/metrics", ADMIN, system::metrics),
+        get("/openapi.yaml", OPEN, system::openapi),
+        get("/docs", OPEN, system::reference),
+        get("/assets/{file}", OPEN, system::web::asset),
+        get("/", OPEN, system::web::start),
     ]
 }
 
-/// Methods and paths of all operations, in the order of the table.
-pub fn operations() -> Vec<(String, &'static str)> {
+/// Methods, paths and scopes of all operations, in the order of the table; those without a scope are
+/// open to all.
+pub fn operations() -> Vec<(String, &'static str, Option<Scope>)> {
     let all = intake().into_iter().chain(results());
-    all.map(|row| (row.method.to_string(), row.path)).collect()
+    all.map(|row| (row.method.to_string(), row.path, row.scope))
+        .collect()
 }
 
 /// The API over a state, ready to be served or called by a test.
@@ -185,7 +200,15 @@ fn handlers(state: AppState) -> Router {
     let form_limit = state.config.body_limit_bytes() as usize + FORM_OVERHEAD;
     routes
         .fold(Router::new(), |router, row| {
-            router.route(row.path, row.handler)
+            let handler = match row.scope {
+                Some(scope) => {
+                    let needed = (AppState::clone(&state), scope);
+                    row.handler
+                        .route_layer(middleware::from_fn_with_state(needed, keys::admit))
+                }
+                None => row.handler,
+            };
+            router.route(row.path, handler)
         })
         .fallback(nothing_here)
         .method_not_allowed_fallback(wrong_method)
@@ -210,27 +233,40 @@ async fn wrong_method(method: Method) -> Response {
     ApiError::new(Code::MethodNotAllowed, detail).into_response()
 }
 
-fn get<H: Handler<T, AppState>, T: 'static>(path: &'static str, handler: H) -> Operation {
-    operation(Method::GET, MethodFilter::GET, path, handler)
+fn get<H: Handler<T, AppState>, T: 'static>(
+    path: &'static str,
+    scope: Option<Scope>,
+    handler: H,
+) -> Operation {
+    operation((Method::GET, MethodFilter::GET), path, scope, handler)
 }
 
-fn post<H: Handler<T, AppState>, T: 'static>(path: &'static str, handler: H) -> Operation {
-    operation(Method::POST, MethodFilter::POST, path, handler)
+fn post<H: Handler<T, AppState>, T: 'static>(
+    path: &'static str,
+    scope: Option<Scope>,
+    handler: H,
+) -> Operation {
+    operation((Method::POST, MethodFilter::POST), path, scope, handler)
 }
 
-fn delete<H: Handler<T, AppState>, T: 'static>(path: &'static str, handler: H) -> Operation {
-    operation(Method::DELETE, MethodFilter::DELETE, path, handler)
+fn delete<H: Handler<T, AppState>, T: 'static>(
+    path: &'static str,
+    scope: Option<Scope>,
+    handler: H,
+) -> Operation {
+    operation((Method::DELETE, MethodFilter::DELETE), path, scope, handler)
 }
 
 fn operation<H: Handler<T, AppState>, T: 'static>(
-    method: Method,
-    filter: MethodFilter,
+    (method, filter): (Method, MethodFilter),
     path: &'static str,
+    scope: Option<Scope>,
     handler: H,
 ) -> Operation {
     Operation {
         method,
         path,
+        scope,
         handler: on(filter, handler),
     }
 }

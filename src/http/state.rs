@@ -1,5 +1,6 @@
 //! The state that all handlers share.
 
+use std::net::IpAddr;
 use std::path::PathBuf;
 use std::sync::{Arc, PoisonError};
 
@@ -8,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::config::Config;
 use crate::folder::{CACHE, Disk};
+use crate::http::door::keys::Minutely;
 use crate::http::resources::events::feed::Feed;
 use crate::http::resources::meshes::cache::MeshCache;
 use crate::http::telemetry::gauges::Gauges;
@@ -37,6 +39,10 @@ pub struct App {
     pub shutdown: CancellationToken,
     /// When the service started, in milliseconds since the epoch.
     pub started_at: i64,
+    /// Addresses of strangers that the audit trail told of a short while ago.
+    pub(in crate::http) strangers: Minutely<Option<IpAddr>>,
+    /// Ids of keys whose use was noted a short while ago.
+    pub(in crate::http) uses: Minutely<Arc<str>>,
     /// Reads uploads.
     pub(in crate::http) reader: Reader,
     /// Memory for bodies that are held in memory.
@@ -89,6 +95,8 @@ impl App {
                 config.disk_reserve_percent.into(),
             ),
             telemetry,
+            strangers: Minutely::default(),
+            uses: Minutely::default(),
             started_at: store.now(),
             cloud_files: RwLock::new(()),
             reader: Reader::new(config.max_points, config.body_limit_bytes(), program),

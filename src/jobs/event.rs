@@ -6,6 +6,7 @@ use serde_json::Value;
 use super::assessment::Assessment;
 use super::attempt::{FailureReason, Problem};
 use super::id::JobId;
+use crate::identity::Tenant;
 use crate::reconstruction::report::Verdict;
 use crate::reconstruction::training::Metrics;
 use crate::reconstruction::{Phase, Warning};
@@ -98,6 +99,8 @@ impl Serialize for EventKind {
 pub struct Event {
     /// Place among the events of all jobs; grows, with gaps.
     pub seq: i64,
+    /// Whose job it is.
+    pub tenant: Tenant,
     /// The job.
     pub job_id: JobId,
     /// Place among the events of the job: 1, 2, 3, … without a gap.

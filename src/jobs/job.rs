@@ -8,6 +8,7 @@ use serde_json::Value;
 
 use super::attempt::{FailureReason, Problem};
 use super::{CloudId, JobId};
+use crate::identity::Tenant;
 use crate::reconstruction::medical::Choice;
 use crate::reconstruction::report::Verdict;
 use crate::reconstruction::{Phase, Preset, Settings};
@@ -88,6 +89,8 @@ impl fmt::Display for Status {
 pub struct Job {
     /// Its name.
     pub id: JobId,
+    /// Whose it is.
+    pub tenant: Tenant,
     /// The cloud it reconstructs; a job that has ended may outlive its cloud.
     pub cloud_id: CloudId,
     /// Whether it has outlived its cloud.

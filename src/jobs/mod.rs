@@ -44,7 +44,8 @@ pub use event::{Event, EventKind, NewEvent, Requeue};
 pub use id::{CloudId, InvalidId, JobId};
 pub use job::{Counts, Job, JobFilter, Lookup, NewJob, Status, Tombstone};
 pub use store::{
-    Checkpoint, Idempotency, IdempotencyState, MeshInfo, Options, Store, StoredResponse, Subject,
+    Act, Acts, AuditFault, AuditHead, AuditOutcome, AuditRow, Checkpoint, Idempotency,
+    IdempotencyState, MeshInfo, Options, Records, Store, StoredResponse, Subject,
 };
 
 pub use supervisor::{Supervisor, Workers};

@@ -64,6 +64,23 @@ const ROOMS: &[Room] = &[
         ],
     },
     Room {
+        place: "src/identity",
+        refused: &[
+            "crate::cli",
+            "crate::config",
+            "crate::folder",
+            "crate::intake",
+            "crate::jobs",
+            "crate::http",
+            "crate::reconstruction",
+            "tokio",
+            "sqlx",
+            "axum",
+            "tch",
+            "tracing",
+        ],
+    },
+    Room {
         place: "src/config",
         refused: &[
             "crate::cli",

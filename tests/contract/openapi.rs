@@ -27,9 +27,22 @@ fn it_has_the_operations_of_the_router() {
     }
     let routed: BTreeSet<String> = operations()
         .into_iter()
-        .map(|(method, path)| format!("{method} {path}"))
+        .map(|(method, path, _)| format!("{method} {path}"))
         .collect();
     assert_eq!(written, routed);
+}
+
+#[test]
+fn operations_need_the_scopes_of_the_router() {
+    for (method, path, scope) in operations() {
+        let operation = &CONTRACT["paths"][path][method.to_lowercase()];
+        let expected = scope.map_or(json!([]), |scope| json!([{"key": [scope.name()]}]));
+        assert_eq!(operation["security"], expected, "{method} {path}");
+        for status in ["401", "403"] {
+            let listed = operation["responses"].get(status).is_some();
+            assert_eq!(listed, scope.is_some(), "{method} {path} {status}");
+        }
+    }
 }
 
 #[test]

@@ -13,6 +13,7 @@ use sqlx::Connection as _;
 use tokio::io::AsyncWriteExt as _;
 
 use crate::server::{Folder, PATIENCE, SCRIPTED, until};
+use crate::who::us;
 use crate::wire::Connection;
 
 #[tokio::test]
@@ -105,7 +106,7 @@ async fn a_computation_that_does_not_stop_is_ended_with_its_process() {
         .await;
     let id = folder.submit(json!({})).await;
     let worker = folder.running(&id).await;
-    folder.store.request_cancel(&id).await.unwrap();
+    folder.store.by(us()).request_cancel(&id).await.unwrap();
     assert_eq!(folder.end(&id).await.status, Status::Cancelled);
     until("the process ends", PATIENCE, async || {
         test_kill_process(worker).err()
@@ -123,7 +124,7 @@ async fn who_cancels_does_not_wait_for_a_computation_that_does_not_look() {
     let server = folder.serve(&["--script=hang"]).await;
     let id = folder.submit(json!({})).await;
     folder.running(&id).await;
-    folder.store.request_cancel(&id).await.unwrap();
+    folder.store.by(us()).request_cancel(&id).await.unwrap();
     assert_eq!(folder.end(&id).await.status, Status::Cancelled);
     // Long before the ten seconds that others have.
     let log = server.log();
@@ -243,7 +244,7 @@ async fn a_job_that_its_user_erased_is_no_loss() {
     let server = folder.serve(&["--script=sleep:60"]).await;
     let id = folder.submit(json!({})).await;
     folder.running(&id).await;
-    folder.store.delete_job(&id).await.unwrap();
+    folder.store.by(us()).delete_job(&id).await.unwrap();
     until("the worker hears of it", PATIENCE, async || {
         server.log().contains("the job was erased").then_some(())
     })

@@ -14,5 +14,7 @@ mod medical_jobs;
 mod server;
 mod soak;
 mod store;
+mod trust;
+mod who;
 mod wire;
 mod work;

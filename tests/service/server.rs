@@ -19,6 +19,7 @@ use tempfile::TempDir;
 
 use crate::http::support::sphere_xyz;
 use crate::store::support::summary;
+use crate::who::{ours, us};
 use crate::wire::Connection;
 
 /// How long anything may take on a busy machine before a test gives up.
@@ -54,7 +55,7 @@ impl Folder {
             bytes: bytes.len() as u64,
             summary: summary(Format::Xyz, POINTS as u64),
         };
-        let (cloud, _) = store.insert_cloud(new).await.unwrap();
+        let (cloud, _) = store.by(us()).insert_cloud(new).await.unwrap();
         Self {
             dir,
             store,
@@ -115,11 +116,17 @@ impl Folder {
             source: None,
             derived_from: None,
         };
-        self.store.submit(new, None).await.unwrap().id
+        self.store.by(us()).submit(new, None).await.unwrap().id
     }
 
     pub(crate) async fn job(&self, id: &JobId) -> Job {
-        self.store.job(id).await.unwrap().found().unwrap()
+        self.store
+            .of(ours())
+            .job(id)
+            .await
+            .unwrap()
+            .found()
+            .unwrap()
     }
 
     /// Waits until the job is as wanted.
@@ -148,7 +155,12 @@ impl Folder {
 
     /// The events of a job; their ids have no gap, they say one end at most, and that comes last.
     pub(crate) async fn events(&self, id: &JobId) -> Vec<Event> {
-        let events = self.store.events_after(id, 0, 100_000).await.unwrap();
+        let events = self
+            .store
+            .of(ours())
+            .events_after(id, 0, 100_000)
+            .await
+            .unwrap();
         let ids: Vec<i64> = events.iter().map(|event| event.id).collect();
         assert_eq!(ids, (1..=events.len() as i64).collect::<Vec<_>>());
         if let Some(end) = events.iter().position(|event| event.kind.is_last()) {

@@ -21,6 +21,7 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 
 use crate::server::{Folder, Server, until};
+use crate::who::ours;
 use crate::wire::{Answer, Connection};
 
 /// What workers do while one server lives; half of the time they reconstruct.
@@ -314,7 +315,7 @@ async fn audit(site: &Site) -> BTreeMap<String, u32> {
     let book = std::mem::take(&mut *site.book());
     let mut ends = BTreeMap::new();
     for (number, id) in &book.accepted {
-        let end = match site.folder.store.job(id).await.unwrap() {
+        let end = match site.folder.store.of(ours()).job(id).await.unwrap() {
             Lookup::Found(job) => {
                 assert!(!book.erased.contains(id), "{job:?} was erased");
                 check(site, &book, &job).await;
@@ -336,6 +337,7 @@ async fn audit(site: &Site) -> BTreeMap<String, u32> {
         let same = site
             .folder
             .store
+            .of(ours())
             .list_jobs(&filter, None, 10)
             .await
             .unwrap();
@@ -353,7 +355,13 @@ async fn check(site: &Site, book: &Book, job: &Job) {
     assert!(job.failures <= 3, "{job:?}");
     match job.status {
         Status::Succeeded => {
-            let mesh = site.folder.store.mesh_info(&job.id, 0).await.unwrap();
+            let mesh = site
+                .folder
+                .store
+                .of(ours())
+                .mesh_info(&job.id, 0)
+                .await
+                .unwrap();
             assert!(mesh.is_some() && job.report.is_some(), "{job:?}");
         }
         Status::Failed => {

@@ -10,6 +10,7 @@ use serde_json::json;
 
 use crate::http::contract::expect_named;
 use crate::server::{Folder, PATIENCE, PROGRAM, until};
+use crate::who::{ours, us};
 
 #[tokio::test]
 async fn a_job_becomes_a_mesh_a_report_and_a_model() {
@@ -39,7 +40,7 @@ async fn a_job_becomes_a_mesh_a_report_and_a_model() {
         assert!(report[group][name].is_number(), "{group}/{name}");
     }
     let store = &folder.store;
-    let mesh = store.mesh_info(&id, 0).await.unwrap().unwrap();
+    let mesh = store.of(ours()).mesh_info(&id, 0).await.unwrap().unwrap();
     let bytes = store.mesh_chunk(&mesh, 0).await.unwrap().unwrap();
     assert!(bytes.starts_with(b"ply\n") && mesh.triangles > 100);
     let simplification = &report["surface"]["simplification"];
@@ -50,14 +51,14 @@ async fn a_job_becomes_a_mesh_a_report_and_a_model() {
         header.contains("property float distance_to_points\n"),
         "{header}"
     );
-    assert_eq!(store.snapshots(&id).await.unwrap().len(), 1);
-    assert_eq!(store.gradients(&id).await.unwrap().len(), 2);
-    let (model, _) = store.model(&id).await.unwrap().unwrap();
+    assert_eq!(store.of(ours()).snapshots(&id).await.unwrap().len(), 1);
+    assert_eq!(store.of(ours()).gradients(&id).await.unwrap().len(), 2);
+    let (model, _) = store.of(ours()).model(&id).await.unwrap().unwrap();
     let model = Model::decode(&model).unwrap();
     assert_eq!(model.settings, job.settings);
-    assert_eq!(store.checkpoint(&id).await.unwrap(), None);
+    assert_eq!(store.of(ours()).checkpoint(&id).await.unwrap(), None);
 
-    let metrics = store.metrics(&id, 0, 1_000).await.unwrap();
+    let metrics = store.of(ours()).metrics(&id, 0, 1_000).await.unwrap();
     assert_eq!(metrics.len() as i64, job.metrics);
     assert_eq!(metrics.last().unwrap().evaluation, job.evaluations);
     let events = folder.events(&id).await;
@@ -112,7 +113,7 @@ async fn cancelled_work_ends_soon_in_training_and_in_surface() {
         let there = |job: &meshway::jobs::Job| job.phase == Some(phase) || job.status.is_final();
         let job = folder.wait(&id, "the phase begins", there).await;
         assert_eq!(job.status, Status::Running, "{:?}", job.error);
-        folder.store.request_cancel(&id).await.unwrap();
+        folder.store.by(us()).request_cancel(&id).await.unwrap();
         // Not succeeded: the surface alone would take minutes here.
         assert_eq!(folder.end(&id).await.status, Status::Cancelled);
         folder.events(&id).await;
@@ -154,7 +155,7 @@ async fn a_killed_training_goes_on_from_its_checkpoint_and_ends_with_the_same_lo
             Status::Running,
             "it was too quick to be cut"
         );
-        folder.store.checkpoint(&cut).await.unwrap()
+        folder.store.of(ours()).checkpoint(&cut).await.unwrap()
     })
     .await;
     kill_process(worker, Signal::KILL).unwrap();
@@ -169,8 +170,15 @@ async fn a_killed_training_goes_on_from_its_checkpoint_and_ends_with_the_same_lo
     let training = |job: &meshway::jobs::Job| job.report.clone().unwrap()["training"].clone();
     assert_eq!(training(&cut), training(&whole));
     let store = &folder.store;
-    let series = store.metrics(&cut.id, 0, 10_000).await.unwrap();
-    assert_eq!(series, store.metrics(&whole.id, 0, 10_000).await.unwrap());
+    let series = store.of(ours()).metrics(&cut.id, 0, 10_000).await.unwrap();
+    assert_eq!(
+        series,
+        store
+            .of(ours())
+            .metrics(&whole.id, 0, 10_000)
+            .await
+            .unwrap()
+    );
     folder.events(&cut.id).await;
 }
 

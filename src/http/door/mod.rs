@@ -2,6 +2,7 @@
 
 pub(in crate::http) mod base;
 pub(in crate::http) mod head;
+pub(in crate::http) mod keys;
 pub(in crate::http) mod observe;
 pub(in crate::http) mod origin;
 pub(in crate::http) mod places;

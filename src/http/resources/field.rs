@@ -13,10 +13,13 @@ use serde_json::value::RawValue;
 
 use crate::http::AppState;
 use crate::http::resources::jobs::found::Succeeded;
+use crate::http::resources::witness::witnessed;
 use crate::http::upload;
 use crate::http::upload::bodies::held;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{Fields, NoQuery};
+use crate::identity::Caller;
+use crate::jobs::Act;
 use crate::reconstruction::Model;
 use crate::reconstruction::vector::{Vec3, scale};
 
@@ -38,12 +41,13 @@ const MAX_WORK: usize = 10_000_000_000;
 /// `Idempotency-Key` to remember.
 pub(in crate::http) async fn evaluate(
     State(app): State<AppState>,
+    caller: Caller,
     _: NoQuery,
     Succeeded(job): Succeeded,
     request: Request,
 ) -> Result<Response> {
     let body = upload::json(&app, request, MAX_BODY_BYTES).await?;
-    let model = app.store.model(&job.id).await?;
+    let model = app.store.of(&job.tenant).model(&job.id).await?;
     let (model, _) = model.ok_or_else(|| ApiError::not_found("model"))?;
     let _turn = app
         .evaluations
@@ -59,7 +63,8 @@ pub(in crate::http) async fn evaluate(
     })
     .await??;
     let json = HeaderValue::from_static("application/json");
-    Ok(([(CONTENT_TYPE, json)], held(answer.into(), place)).into_response())
+    let response = ([(CONTENT_TYPE, json)], held(answer.into(), place)).into_response();
+    witnessed(&app, &caller, (Act::FieldRead, job.id.as_str()), response).await
 }
 
 /// What a request asks for.

@@ -1,4 +1,4 @@
-//! The resources: clouds, jobs, and what comes out of jobs.
+//! The resources: clouds, jobs, what comes out of jobs, and who asked for it.
 
 pub(in crate::http) mod clouds;
 pub(in crate::http) mod events;
@@ -6,3 +6,5 @@ pub(in crate::http) mod field;
 pub(in crate::http) mod jobs;
 pub(in crate::http) mod meshes;
 pub(in crate::http) mod series;
+pub(in crate::http) mod trust;
+mod witness;

@@ -13,7 +13,7 @@ use crate::http::resources::jobs::found::Found;
 use crate::http::wire::accept::preferred;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{NoQuery, Query, text};
-use crate::jobs::{Job, JobId};
+use crate::jobs::Job;
 use crate::reconstruction::training::{Column, Metrics, csv};
 
 /// Rows read at once.
@@ -30,7 +30,7 @@ pub(in crate::http) async fn gradients(
 ) -> Result<Response> {
     let body = api::JobItems {
         job_id: &job.id,
-        items: app.store.gradients(&job.id).await?,
+        items: app.store.of(&job.tenant).gradients(&job.id).await?,
     };
     Ok(Json(body).into_response())
 }
@@ -66,7 +66,7 @@ pub(in crate::http) async fn metrics(
     };
     // A long series takes some tens of megabytes while it is written out.
     let _turn = app.series.acquire().await.map_err(ApiError::internal)?;
-    let rows = read(&app, &job.id, after).await?;
+    let rows = read(&app, &job, after).await?;
     let total = rows.len();
     let rows = match max_points {
         Some(points) if points < total => thin(rows, &fields, points),
@@ -131,10 +131,11 @@ fn blocks(job: &Job) -> Json<api::Blocks<'_>> {
     })
 }
 
-async fn read(app: &AppState, id: &JobId, mut after: u64) -> Result<Vec<Metrics>> {
+async fn read(app: &AppState, job: &Job, mut after: u64) -> Result<Vec<Metrics>> {
+    let records = app.store.of(&job.tenant);
     let mut rows = Vec::new();
     loop {
-        let page = app.store.metrics(id, after, PAGE).await?;
+        let page = records.metrics(&job.id, after, PAGE).await?;
         let full = page.len() == PAGE as usize;
         rows.extend(page);
         match rows.last() {

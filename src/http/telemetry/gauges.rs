@@ -22,7 +22,7 @@ use crate::http::App;
 use crate::http::wire::error::Result;
 use crate::jobs::store::{CONTENT_FILE, DATABASE_FILE};
 use crate::jobs::worker::slot_of;
-use crate::jobs::{Event, EventKind, Job, JobFilter, JobId, Status, Store};
+use crate::jobs::{Event, EventKind, Job, JobId, Status, Store};
 
 /// Upper bounds in seconds of waits and phases: from an instant to the longest job.
 const SECONDS: [f64; 12] = [
@@ -300,13 +300,9 @@ impl Gauges {
     }
 
     async fn running_losses(&self, store: &Store) -> Result<()> {
-        let running = JobFilter {
-            status: Some(Status::Running),
-            ..JobFilter::default()
-        };
         // Slots come and go with their workers.
         self.loss.clear();
-        for job in store.list_jobs(&running, None, MAX_RUNNING).await? {
+        for job in store.running_jobs(MAX_RUNNING).await? {
             // The slot, not the process: a restarted worker continues the series.
             let slot = job.worker.as_deref().and_then(slot_of);
             if let (Some(slot), Some(loss)) = (slot, job.loss) {
@@ -355,7 +351,12 @@ fn folder_bytes(folder: &Path) -> u64 {
 }
 
 async fn job_of(store: &Store, event: &Event) -> Option<Job> {
-    store.job(&event.job_id).await.ok()?.found()
+    store
+        .of(&event.tenant)
+        .job(&event.job_id)
+        .await
+        .ok()?
+        .found()
 }
 
 /// The name of a value as it stands in JSON.

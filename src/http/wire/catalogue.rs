@@ -37,7 +37,10 @@ catalogue! {
     MalformedMultipart "malformed_multipart" 400 false "The body is not a usable multipart form.";
     BadHeader "bad_header" 400 false "A header cannot be understood.";
     BadCursor "bad_cursor" 400 false "The cursor is none of ours.";
+    KeyInAddress "key_in_address" 400 false "A key is in the address.";
     BodyBrokenOff "body_broken_off" 400 true "The body broke off.";
+    Unauthenticated "unauthenticated" 401 false "The request has no key that is good.";
+    Forbidden "forbidden" 403 false "The key does not allow this.";
     CrossOriginRefused "cross_origin_refused" 403 false "A page of another site sent the request.";
     NotFound "not_found" 404 false "There is nothing here.";
     MethodNotAllowed "method_not_allowed" 405 false "This method is not for this resource.";

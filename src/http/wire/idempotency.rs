@@ -14,6 +14,7 @@ use sha2::{Digest, Sha256};
 use crate::http::AppState;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::header;
+use crate::identity::Caller;
 use crate::jobs::{self, Idempotency, IdempotencyState, Job, StoredResponse, Subject};
 
 /// The header that carries the key.
@@ -46,6 +47,7 @@ pub(in crate::http) async fn tidy(app: AppState) {
 /// What identifies a request when it is repeated.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Request {
+    caller: Caller,
     key: Option<String>,
     scope: String,
     hash: Sha256,
@@ -56,13 +58,14 @@ impl Request {
     ///
     /// # Errors
     /// [`Code::BadHeader`] for a key that is empty, too long or no text.
-    pub(in crate::http) fn new(headers: &HeaderMap, uri: &Uri) -> Result<Self> {
+    pub(in crate::http) fn new(caller: &Caller, headers: &HeaderMap, uri: &Uri) -> Result<Self> {
         let key = header(headers, &KEY)?;
         if key.is_some_and(|key| !(1..=MAX_KEY_LENGTH).contains(&key.len())) {
             let detail = format!("Idempotency-Key must have 1 to {MAX_KEY_LENGTH} characters");
             return Err(ApiError::new(Code::BadHeader, detail));
         }
         let mut request = Self {
+            caller: caller.clone(),
             key: key.map(str::to_owned),
             scope: format!("POST {}", uri.path()),
             hash: Sha256::new(),
@@ -80,7 +83,10 @@ impl Request {
             return Ok(());
         };
         let answered = match &self.key {
-            Some(key) => app.store.idempotency_answered(key, &self.scope).await?,
+            Some(key) => {
+                let acts = app.store.by(&self.caller);
+                acts.idempotency_answered(key, &self.scope).await?
+            }
             None => false,
         };
         if answered { Ok(()) } else { Err(refusal) }
@@ -104,11 +110,13 @@ impl Request {
         let sha256 = crate::http::wire::download::hex(self.hash.finalize());
         let found = app
             .store
+            .by(&self.caller)
             .idempotency_begin(&key, &self.scope, &sha256)
             .await?;
         match found {
             IdempotencyState::New => Ok(Begun::New(Attempt(Some(Open {
                 app: AppState::clone(app),
+                caller: self.caller,
                 key,
                 scope: self.scope,
             })))),
@@ -141,6 +149,7 @@ pub(in crate::http) struct Attempt(Option<Open>);
 
 struct Open {
     app: AppState,
+    caller: Caller,
     key: String,
     scope: String,
 }
@@ -191,6 +200,7 @@ impl Attempt {
         let kept = open
             .app
             .store
+            .by(&open.caller)
             .idempotency_complete(&open.key, &open.scope, subject, stored)
             .await;
         match kept {
@@ -210,8 +220,8 @@ impl Drop for Attempt {
             return;
         };
         runtime.spawn(async move {
-            let store = &open.app.store;
-            if let Err(error) = store.idempotency_abandon(&open.key, &open.scope).await {
+            let acts = open.app.store.by(&open.caller);
+            if let Err(error) = acts.idempotency_abandon(&open.key, &open.scope).await {
                 tracing::warn!(error.message = %error, "a key could not be forgotten");
             }
         });

@@ -63,12 +63,16 @@ impl<T: FromStr> Page<T> {
     }
 
     /// Cuts the items, of which one more than the limit was read, to a page.
-    pub(in crate::http) fn cut<I>(&self, mut found: Vec<I>, id: impl Fn(&I) -> &str) -> PageOf<I> {
+    pub(in crate::http) fn cut<I>(
+        &self,
+        mut found: Vec<I>,
+        id: impl Fn(&I) -> String,
+    ) -> PageOf<I> {
         let more = found.len() > self.limit as usize;
         found.truncate(self.limit as usize);
         let last = found.last().filter(|_| more);
         PageOf {
-            next: Next(last.map(|item| veil(id(item)))),
+            next: Next(last.map(|item| veil(&id(item)))),
             items: found,
         }
     }

@@ -21,6 +21,7 @@
 )]
 
 mod content;
+mod names;
 mod records;
 mod sqlite;
 
@@ -34,6 +35,8 @@ use tokio::sync::{Mutex, watch};
 
 pub use content::ballast::BALLAST_FILE;
 pub use content::objects::CHUNK_BYTES;
+pub use names::{Acts, Records};
+pub use records::audit::{Act, AuditFault, AuditHead, AuditRow, Outcome as AuditOutcome};
 pub use records::checkpoints::Checkpoint;
 pub use records::idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};
 pub use records::meshes::MeshInfo;
@@ -41,6 +44,7 @@ pub use sqlite::origin::is_ours;
 
 use super::clock::{self, Clock};
 use super::{Error, Result};
+use crate::identity::{Caller, Tenant};
 use content::ballast::Ballast;
 use content::graves::{Burial, Undertaker};
 use content::lift;
@@ -157,6 +161,16 @@ impl Store {
                 options,
             }),
         })
+    }
+
+    /// The records of a tenant, to be read. There is no other way to a record by its id.
+    pub fn of<'s>(&'s self, tenant: &'s Tenant) -> Records<'s> {
+        Records::new(self, tenant)
+    }
+
+    /// What a caller does to the records of its tenant, of which the audit trail tells.
+    pub fn by<'s>(&'s self, caller: &'s Caller) -> Acts<'s> {
+        Acts::new(self, caller)
     }
 
     /// Finishes the writes that wait and closes all connections; later calls get `Closed`.

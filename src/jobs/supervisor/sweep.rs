@@ -8,8 +8,8 @@ use tokio::time::MissedTickBehavior;
 
 use super::Supervisor;
 use super::pulse::Pulse;
+use crate::jobs::Job;
 use crate::jobs::worker::LEASE_MS;
-use crate::jobs::{Job, JobFilter, Status};
 
 const INTERVAL: Duration = Duration::from_secs(1);
 /// More than the running jobs there can be: at most 256 workers, and as many of an earlier server.
@@ -66,11 +66,7 @@ impl Supervisor {
 
     /// The running jobs; none when the database does not answer.
     pub(super) async fn running(&self) -> Vec<Job> {
-        let filter = JobFilter {
-            status: Some(Status::Running),
-            ..JobFilter::default()
-        };
-        let found = self.store.list_jobs(&filter, None, RUNNING_AT_MOST).await;
+        let found = self.store.running_jobs(RUNNING_AT_MOST).await;
         found.unwrap_or_else(|error| {
             tracing::warn!(error.message = %error, "running jobs were not looked at");
             Vec::new()

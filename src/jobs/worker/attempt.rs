@@ -91,12 +91,16 @@ impl<'a> Attempt<'a> {
     ) -> std::result::Result<(mpsc::Receiver<Message>, oneshot::Receiver<Outcome>), Failure> {
         let job = &self.claim.job;
         let store = &self.worker.store;
-        let cloud = store
+        let records = store.of(&job.tenant);
+        let cloud = records
             .cloud(&job.cloud_id)
             .await
             .map_err(Failure::internal)?;
         let cloud = cloud.ok_or_else(|| Failure::internal("the cloud is not there"))?;
-        let checkpoint = store.checkpoint(&job.id).await.map_err(Failure::internal)?;
+        let checkpoint = records
+            .checkpoint(&job.id)
+            .await
+            .map_err(Failure::internal)?;
         let assignment = Assignment {
             file: self.worker.data_dir.join(CLOUDS).join(&cloud.sha256),
             cloud,
@@ -263,7 +267,8 @@ impl<'a> Attempt<'a> {
     /// Logs why nothing more is written.
     async fn lost(&self) {
         let (job, attempt) = (self.claim.job_id(), self.claim.attempt);
-        if let Ok(Lookup::Gone(_)) = self.worker.store.job(job).await {
+        let records = self.worker.store.of(&self.claim.job.tenant);
+        if let Ok(Lookup::Gone(_)) = records.job(job).await {
             tracing::info!(%job, attempt, "the job was erased");
         } else {
             tracing::warn!(%job, attempt, "the job was lost");

@@ -40,6 +40,7 @@ pub(super) async fn hold(
         } else {
             // Only a read, because wake-ups come for other jobs too.
             store
+                .of(&claim.job.tenant)
                 .job(claim.job_id())
                 .await
                 .map(|found| lease(found, &claim))

@@ -6,6 +6,7 @@ use std::time::Duration;
 use axum::body::Body;
 use axum::http::Request;
 use meshway::http::{operations, serve};
+use meshway::identity::Scope;
 use meshway::jobs::Options;
 use serde_json::json;
 use sqlx::ConnectOptions;
@@ -74,7 +75,7 @@ fn every_operation_is_listed_once() {
     let all = operations();
     let different: HashSet<_> = all.iter().collect();
     assert_eq!(different.len(), all.len());
-    assert!(all.contains(&("POST".to_owned(), "/v1/jobs")));
+    assert!(all.contains(&("POST".to_owned(), "/v1/jobs", Some(Scope::Write))));
 }
 
 #[tokio::test]

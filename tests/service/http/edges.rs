@@ -16,6 +16,7 @@ use tokio::net::TcpStream;
 use crate::http::support::{Service, upload_request};
 use crate::server::{Folder, PATIENCE, Server, until};
 use crate::store::support::summary;
+use crate::who::us;
 use crate::wire::Connection;
 
 async fn connect(address: SocketAddr) -> TcpStream {
@@ -105,7 +106,7 @@ async fn who_does_not_read_is_cut_off() {
         bytes: BYTES,
         summary: summary(Format::Xyz, 1),
     };
-    let (cloud, _) = folder.store.insert_cloud(new).await.unwrap();
+    let (cloud, _) = folder.store.by(us()).insert_cloud(new).await.unwrap();
     let server = folder.serve(&["--download-timeout-seconds=1"]).await;
     let mut stream = connect(server.address()).await;
     let head = format!(

@@ -12,6 +12,7 @@ use crate::http::contract::{expect_contract, expect_named};
 use crate::http::support::Service;
 use crate::server::{Folder, PATIENCE, Server};
 use crate::store::support::success;
+use crate::who::us;
 use crate::wire::Connection;
 
 /// One frame of a stream.
@@ -168,7 +169,7 @@ async fn an_id_that_is_unknown_is_answered_with_a_reset() {
 
     // A job that has ended has no more to tell: the stream ends, rather than stay open for ever.
     let job = id.parse().unwrap();
-    service.store().request_cancel(&job).await.unwrap();
+    service.store().by(us()).request_cancel(&job).await.unwrap();
     let path = format!("/v1/jobs/{id}/events");
     let mut stream = Reader::open(&service, &path, Some("99")).await;
     let reset = stream.frame().await.unwrap();

@@ -8,6 +8,7 @@ use serde_json::json;
 
 use crate::http::support::{Service, json_request, sphere_xyz, upload_request};
 use crate::server::{PATIENCE, until};
+use crate::who::us;
 
 fn keyed(mut request: Request<Body>, key: &str) -> Request<Body> {
     request
@@ -134,6 +135,7 @@ async fn a_second_request_while_the_first_runs_is_told_to_wait() {
     let scope = format!("POST {path}");
     let begun = service
         .store()
+        .by(us())
         .idempotency_begin("a", &scope, &hash)
         .await
         .unwrap();

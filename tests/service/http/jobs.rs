@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use crate::http::contract::expect_contract;
 use crate::http::support::{Service, form_request, job_id, sphere_xyz};
+use crate::who::ours;
 
 fn with(mut request: Request<Body>, name: &'static str, value: &str) -> Request<Body> {
     request.headers_mut().insert(name, value.parse().unwrap());
@@ -104,7 +105,14 @@ async fn a_job_is_submitted_polled_cancelled_and_erased() {
 /// The claim that a running job's worker holds.
 async fn claim_of(service: &Service, url: &str) -> meshway::jobs::Claim {
     let id = job_id(url.rsplit('/').next().unwrap());
-    let job = service.store().job(&id).await.unwrap().found().unwrap();
+    let job = service
+        .store()
+        .of(ours())
+        .job(&id)
+        .await
+        .unwrap()
+        .found()
+        .unwrap();
     meshway::jobs::Claim {
         attempt: job.attempt,
         worked: std::time::Duration::ZERO,

@@ -16,6 +16,8 @@ mod points;
 mod spaces;
 pub(crate) mod support;
 mod system;
+pub(crate) mod tenants;
+mod trail;
 mod uploads;
 mod verdicts;
 mod waits;

@@ -22,29 +22,28 @@ fn response(body: &str) -> StoredResponse {
 #[tokio::test]
 async fn an_answer_is_given_again_and_a_key_has_one_use() {
     let bench = Bench::new().await;
-    let store = &bench.store;
-    let begin = |key: &'static str, hash: &'static str| store.idempotency_begin(key, "POST", hash);
+    let (store, acts) = (&bench.store, bench.acts());
+    let begin = |key: &'static str, hash: &'static str| acts.idempotency_begin(key, "POST", hash);
     assert_eq!(begin("k", "h").await.unwrap(), IdempotencyState::New);
     assert_eq!(begin("k", "h").await.unwrap(), IdempotencyState::InFlight);
     assert_eq!(
         begin("k", "other").await.unwrap(),
         IdempotencyState::Mismatch
     );
-    store
-        .idempotency_complete("k", "POST", None, response("a"))
+    acts.idempotency_complete("k", "POST", None, response("a"))
         .await
         .unwrap();
     assert_eq!(
         begin("k", "h").await.unwrap(),
         IdempotencyState::Replay(response("a"))
     );
-    let twice = store
+    let twice = acts
         .idempotency_complete("k", "POST", None, response("b"))
         .await;
     assert!(matches!(twice, Err(Error::Stale)), "{twice:?}");
 
     assert_eq!(begin("l", "h").await.unwrap(), IdempotencyState::New);
-    store.idempotency_abandon("l", "POST").await.unwrap();
+    acts.idempotency_abandon("l", "POST").await.unwrap();
     assert_eq!(begin("l", "h").await.unwrap(), IdempotencyState::New);
     assert_eq!(store.idempotency_abandon_all().await.unwrap(), 1);
     bench.pass(1);
@@ -64,24 +63,24 @@ async fn the_answer_to_a_submission_is_in_the_jobs_own_transaction() {
         })
     };
     let refused = bench
-        .store
+        .acts()
         .submit(bench.new_job(), keep("never begun"))
         .await;
     assert!(matches!(refused, Err(Error::Stale)), "{refused:?}");
     assert_eq!(bench.store.counts().await.unwrap().get(Status::Queued), 0);
 
     bench
-        .store
+        .acts()
         .idempotency_begin("k", "POST", "h")
         .await
         .unwrap();
     let job = bench
-        .store
+        .acts()
         .submit(bench.new_job(), keep("k"))
         .await
         .unwrap();
     let state = bench
-        .store
+        .acts()
         .idempotency_begin("k", "POST", "h")
         .await
         .unwrap();
@@ -95,25 +94,25 @@ async fn lists_go_backwards_in_pages_and_take_filters() {
     for i in 0..5 {
         let mut new = bench.new_job();
         new.labels.insert("run \"1'".to_owned(), i.to_string());
-        ids.push(bench.store.submit(new, None).await.unwrap().id);
+        ids.push(bench.acts().submit(new, None).await.unwrap().id);
         bench.pass(1_000);
     }
     ids.reverse();
     let all = JobFilter::default();
-    let page = bench.store.list_jobs(&all, None, 2).await.unwrap();
+    let page = bench.records().list_jobs(&all, None, 2).await.unwrap();
     bench.submit().await;
     let rest = bench
-        .store
+        .records()
         .list_jobs(&all, Some(&page[1].id), 10)
         .await
         .unwrap();
     let seen: Vec<_> = page.iter().chain(&rest).map(|job| job.id.clone()).collect();
     assert_eq!(seen, ids, "an insert does not move the pages");
 
-    bench.store.request_cancel(&ids[4]).await.unwrap();
+    bench.acts().request_cancel(&ids[4]).await.unwrap();
     let count = async |filter: JobFilter| {
         bench
-            .store
+            .records()
             .list_jobs(&filter, None, 50)
             .await
             .unwrap()
@@ -176,23 +175,27 @@ async fn lists_go_backwards_in_pages_and_take_filters() {
 #[tokio::test]
 async fn the_same_bytes_are_one_cloud() {
     let bench = Bench::new().await;
-    let (again, created) = bench.store.insert_cloud(new_cloud("a")).await.unwrap();
+    let (again, created) = bench.acts().insert_cloud(new_cloud("a")).await.unwrap();
     assert_eq!((&again.id, created), (&bench.cloud_id, false));
-    let (other, created) = bench.store.insert_cloud(new_cloud("b")).await.unwrap();
+    let (other, created) = bench.acts().insert_cloud(new_cloud("b")).await.unwrap();
     assert!(created);
     assert_eq!(
-        bench.store.cloud(&other.id).await.unwrap(),
+        bench.records().cloud(&other.id).await.unwrap(),
         Some(other.clone())
     );
     assert_eq!(
-        bench.store.cloud_by_sha256("b").await.unwrap(),
+        bench.records().cloud_by_sha256("b").await.unwrap(),
         Some(other.clone())
     );
     assert_eq!(bench.store.sha256s().await.unwrap(), ["a", "b"]);
-    let page = bench.store.list_clouds(None, 1).await.unwrap();
+    let page = bench.records().list_clouds(None, 1).await.unwrap();
     assert_eq!(page, [other]);
     assert_eq!(
-        bench.store.list_clouds(Some(&page[0].id), 9).await.unwrap(),
+        bench
+            .records()
+            .list_clouds(Some(&page[0].id), 9)
+            .await
+            .unwrap(),
         [again]
     );
 }
@@ -201,7 +204,7 @@ async fn the_same_bytes_are_one_cloud() {
 async fn one_stream_tells_the_events_of_all_jobs_in_order() {
     let bench = Bench::new().await;
     bench.submit().await;
-    let before = bench.store.last_seq().await.unwrap();
+    let before = bench.records().last_seq().await.unwrap();
     let second = bench.submit().await.id;
     let claim = bench.claim().await;
     let reason = FailureReason::Unresponsive;
@@ -210,7 +213,7 @@ async fn one_stream_tells_the_events_of_all_jobs_in_order() {
         .attempt_failed(claim.job_id(), 1, reason)
         .await
         .unwrap();
-    let events = bench.store.all_events_after(before, 10).await.unwrap();
+    let events = bench.records().all_events_after(before, 10).await.unwrap();
     let told: Vec<_> = events
         .iter()
         .map(|e| (e.job_id.clone(), e.kind.name()))
@@ -224,11 +227,11 @@ async fn one_stream_tells_the_events_of_all_jobs_in_order() {
             (first, "job.queued")
         ]
     );
-    assert_eq!(bench.store.last_seq().await.unwrap(), events[2].seq);
+    assert_eq!(bench.records().last_seq().await.unwrap(), events[2].seq);
     // A newest event that is erased does not give its place to another one.
-    bench.store.delete_job(&events[2].job_id).await.unwrap();
+    bench.acts().delete_job(&events[2].job_id).await.unwrap();
     bench.submit().await;
-    assert!(bench.store.last_seq().await.unwrap() > events[2].seq);
+    assert!(bench.records().last_seq().await.unwrap() > events[2].seq);
 }
 
 #[tokio::test]
@@ -246,7 +249,7 @@ async fn a_row_that_cannot_be_read_names_its_column() {
             .await
             .unwrap();
         sqlx::query(statement).execute(&mut db).await.unwrap();
-        let error = bench.store.job(&id).await.unwrap_err();
+        let error = bench.records().job(&id).await.unwrap_err();
         assert!(
             matches!(&error, Error::Inconsistent { table: "jobs", column, .. } if *column == wanted),
             "{error}"
@@ -265,7 +268,7 @@ async fn a_row_that_cannot_be_read_names_its_column() {
 async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
     let bench = Bench::new().await;
     bench
-        .store
+        .acts()
         .idempotency_begin("k", "POST", "h")
         .await
         .unwrap();
@@ -275,7 +278,7 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
         respond: Box::new(|job| response(job.id.as_str())),
     };
     let job = bench
-        .store
+        .acts()
         .submit(bench.new_job(), Some(keep))
         .await
         .unwrap();
@@ -302,12 +305,12 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
     bench.store.succeed(&claim, success()).await.unwrap();
 
     for id in [&job.id, &running] {
-        let before = bench.store.delete_job(id).await.unwrap();
+        let before = bench.acts().delete_job(id).await.unwrap();
         assert_eq!(before.found().map(|job| job.id), Some(id.clone()));
         for known in [
-            bench.store.job(id).await.unwrap(),
-            bench.store.request_cancel(id).await.unwrap(),
-            bench.store.delete_job(id).await.unwrap(),
+            bench.records().job(id).await.unwrap(),
+            bench.acts().request_cancel(id).await.unwrap(),
+            bench.acts().delete_job(id).await.unwrap(),
         ] {
             assert!(
                 matches!(&known, Lookup::Gone(stone) if stone.reason == "deleted" && stone.deleted_at == bench.store.now()),
@@ -341,7 +344,7 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
         .await
         .unwrap();
     assert_eq!(kept, (Vec::new(), "[]".to_owned()));
-    let again = bench.store.idempotency_begin("k", "POST", "h");
+    let again = bench.acts().idempotency_begin("k", "POST", "h");
     let state = again.await.unwrap();
     assert!(
         matches!(&state, IdempotencyState::Gone(stone) if stone.reason == "deleted"),
@@ -365,7 +368,7 @@ async fn erased_bytes_are_in_no_file() {
         })
     };
     assert!(found());
-    bench.store.delete_job(&id).await.unwrap();
+    bench.acts().delete_job(&id).await.unwrap();
     until("they are overwritten", PATIENCE, async || {
         (!found()).then_some(())
     })

@@ -48,11 +48,11 @@ async fn metrics_and_histograms_come_back_bit_for_bit() {
     let claim = bench.claim().await;
     bench.store.record(&claim, rows(1..=5)).await.unwrap();
     bench.store.record(&claim, rows(4..=6)).await.unwrap();
-    let all = bench.store.metrics(&id, 0, 100).await.unwrap();
+    let all = bench.records().metrics(&id, 0, 100).await.unwrap();
     assert_eq!(all, (1..=6).map(metrics).collect::<Vec<_>>());
-    assert_eq!(bench.store.metrics(&id, 3, 2).await.unwrap(), all[3..5]);
+    assert_eq!(bench.records().metrics(&id, 3, 2).await.unwrap(), all[3..5]);
     assert_eq!(
-        bench.store.gradients(&id).await.unwrap(),
+        bench.records().gradients(&id).await.unwrap(),
         (1..=6).map(gradients).collect::<Vec<_>>()
     );
     assert_eq!(bench.job(&id).await.metrics, 6);
@@ -66,7 +66,7 @@ async fn metrics_and_histograms_come_back_bit_for_bit() {
     };
     bench.store.record(&claim, record).await.unwrap();
     assert!(
-        bench.store.metrics(&id, 6, 1).await.unwrap()[0]
+        bench.records().metrics(&id, 6, 1).await.unwrap()[0]
             .loss
             .is_nan()
     );
@@ -99,9 +99,9 @@ async fn an_attempt_starts_again_from_the_checkpoint() {
     bench.store.release(&claim).await.unwrap();
     let again = bench.claim().await;
     assert_eq!((again.job.metrics, again.job.evaluations), (3, 3));
-    assert_eq!(bench.store.metrics(&id, 0, 10).await.unwrap().len(), 3);
-    assert_eq!(bench.store.gradients(&id).await.unwrap().len(), 3);
-    let snapshots = bench.store.snapshots(&id).await.unwrap();
+    assert_eq!(bench.records().metrics(&id, 0, 10).await.unwrap().len(), 3);
+    assert_eq!(bench.records().gradients(&id).await.unwrap().len(), 3);
+    let snapshots = bench.records().snapshots(&id).await.unwrap();
     assert_eq!(
         snapshots
             .iter()
@@ -109,7 +109,7 @@ async fn an_attempt_starts_again_from_the_checkpoint() {
             .collect::<Vec<_>>(),
         [3]
     );
-    let checkpoint = bench.store.checkpoint(&id).await.unwrap().unwrap();
+    let checkpoint = bench.records().checkpoint(&id).await.unwrap().unwrap();
     assert_eq!(
         (checkpoint.evaluation, checkpoint.attempt, checkpoint.data),
         (3, 1, vec![3])
@@ -154,7 +154,7 @@ async fn limits_leave_out_what_repeats_and_nothing_else() {
             "job.succeeded"
         ]
     );
-    assert_eq!(bench.store.metrics(&id, 0, 10).await.unwrap().len(), 3);
+    assert_eq!(bench.records().metrics(&id, 0, 10).await.unwrap().len(), 3);
 }
 
 #[tokio::test]
@@ -165,14 +165,14 @@ async fn meshes_come_back_in_chunks() {
     let data: Vec<u8> = (0..2 * CHUNK_BYTES + 5).map(|i| (i % 251) as u8).collect();
     let old = NewMesh::new(1, 1, vec![0; 3 * CHUNK_BYTES + 1]);
     bench.store.put_snapshot(&claim, 9, old).await.unwrap();
-    let old = bench.store.mesh_info(&id, 9).await.unwrap().unwrap();
+    let old = bench.records().mesh_info(&id, 9).await.unwrap().unwrap();
     let mesh = NewMesh::new(10, 16, data.clone());
     bench
         .store
         .put_snapshot(&claim, 9, mesh.clone())
         .await
         .unwrap();
-    let info = bench.store.mesh_info(&id, 9).await.unwrap().unwrap();
+    let info = bench.records().mesh_info(&id, 9).await.unwrap().unwrap();
     assert_eq!(
         (info.vertices, info.triangles, info.bytes),
         (10, 16, data.len() as u64)
@@ -199,14 +199,17 @@ async fn meshes_come_back_in_chunks() {
 
     let zero = bench.store.put_snapshot(&claim, 0, mesh).await;
     assert!(matches!(zero, Err(Error::SnapshotAtZero)), "{zero:?}");
-    assert_eq!(bench.store.mesh_info(&id, 0).await.unwrap(), None);
+    assert_eq!(bench.records().mesh_info(&id, 0).await.unwrap(), None);
     bench.store.succeed(&claim, success()).await.unwrap();
-    let result = bench.store.mesh_info(&id, 0).await.unwrap().unwrap();
+    let result = bench.records().mesh_info(&id, 0).await.unwrap().unwrap();
     // SHA-256 of ten bytes 7, by `printf '\7%.0s' $(seq 10) | sha256sum`.
     assert_eq!(
         result.sha256,
         "bf52943413e4b2e64c1b18f831aae28a7c3e4c2792a99500c06bf6c5a933aab5"
     );
-    assert_eq!(bench.store.snapshots(&id).await.unwrap(), [info]);
-    assert_eq!(bench.store.model(&id).await.unwrap().unwrap().0, [1, 2, 3]);
+    assert_eq!(bench.records().snapshots(&id).await.unwrap(), [info]);
+    assert_eq!(
+        bench.records().model(&id).await.unwrap().unwrap().0,
+        [1, 2, 3]
+    );
 }

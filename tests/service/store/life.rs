@@ -26,7 +26,7 @@ async fn a_job_goes_from_the_queue_to_its_mesh() {
     assert_eq!(submitted.settings, bench.new_job().settings);
     assert_eq!(submitted.labels, bench.new_job().labels);
     assert_eq!(
-        bench.store.queue_position(&submitted.id).await.unwrap(),
+        bench.records().queue_position(&submitted.id).await.unwrap(),
         Some(1)
     );
 
@@ -39,7 +39,7 @@ async fn a_job_goes_from_the_queue_to_its_mesh() {
         submitted.id
     );
     assert_eq!(
-        bench.store.queue_position(&submitted.id).await.unwrap(),
+        bench.records().queue_position(&submitted.id).await.unwrap(),
         None
     );
 
@@ -75,7 +75,7 @@ async fn a_job_goes_from_the_queue_to_its_mesh() {
     assert_eq!((job.worker, job.lease_until), (None, None));
     assert_eq!(job.finished_at, Some(bench.store.now()));
     assert_eq!((job.evaluations, job.loss), (300, Some(0.5)));
-    assert_eq!(bench.store.checkpoint(&job.id).await.unwrap(), None);
+    assert_eq!(bench.records().checkpoint(&job.id).await.unwrap(), None);
     assert_eq!(
         bench.event_names(&job.id).await,
         ["job.queued", "job.started", "job.progress", "job.succeeded"]
@@ -93,10 +93,10 @@ async fn jobs_are_claimed_in_their_order() {
     let first = bench.submit().await;
     let second = bench.submit().await;
     assert_eq!(
-        bench.store.queue_position(&second.id).await.unwrap(),
+        bench.records().queue_position(&second.id).await.unwrap(),
         Some(2)
     );
-    let positions = bench.store.queue_positions().await.unwrap();
+    let positions = bench.records().queue_positions().await.unwrap();
     let expected = [(first.id.clone(), 1), (second.id.clone(), 2)];
     assert_eq!(positions, HashMap::from(expected));
     assert_eq!(
@@ -159,11 +159,11 @@ async fn a_stale_claim_writes_nothing() {
     assert_eq!(claim.attempt, 2);
     assert_writes_nothing(&bench.store, &stale).await;
     assert_eq!(bench.job(&id).await, claim.job);
-    assert_eq!(bench.store.mesh_info(&id, 0).await.unwrap(), None);
-    assert_eq!(bench.store.mesh_info(&id, 5).await.unwrap(), None);
-    assert_eq!(bench.store.checkpoint(&id).await.unwrap(), None);
+    assert_eq!(bench.records().mesh_info(&id, 0).await.unwrap(), None);
+    assert_eq!(bench.records().mesh_info(&id, 5).await.unwrap(), None);
+    assert_eq!(bench.records().checkpoint(&id).await.unwrap(), None);
     // … and is erased.
-    bench.store.delete_job(&id).await.unwrap();
+    bench.acts().delete_job(&id).await.unwrap();
     assert_writes_nothing(&bench.store, &stale).await;
     assert_writes_nothing(&bench.store, &claim).await;
 }
@@ -185,7 +185,7 @@ async fn final_states_are_final() {
         let job = bench.job(&id).await;
         assert_eq!(job.status, wanted);
         assert_writes_nothing(&bench.store, &claim).await;
-        let asked = bench.store.request_cancel(&id).await.unwrap().found();
+        let asked = bench.acts().request_cancel(&id).await.unwrap().found();
         assert_eq!(
             asked,
             Some(job.clone()),
@@ -203,7 +203,7 @@ async fn a_queued_job_is_cancelled_at_once_and_a_running_one_by_its_worker() {
     let bench = Bench::new().await;
     let queued = bench.submit().await.id;
     let cancelled = bench
-        .store
+        .acts()
         .request_cancel(&queued)
         .await
         .unwrap()
@@ -218,7 +218,7 @@ async fn a_queued_job_is_cancelled_at_once_and_a_running_one_by_its_worker() {
     let running = bench.submit().await.id;
     let claim = bench.claim().await;
     let asked = bench
-        .store
+        .acts()
         .request_cancel(&running)
         .await
         .unwrap()
@@ -242,7 +242,7 @@ async fn a_job_that_shall_end_does_not_wait_again() {
     for ending in 0..3 {
         let id = bench.submit().await.id;
         let claim = bench.claim().await;
-        bench.store.request_cancel(&id).await.unwrap();
+        bench.acts().request_cancel(&id).await.unwrap();
         match ending {
             0 => bench.store.release(&claim).await.unwrap(),
             1 => drop(bench.store.attempt_failed(&id, 1, crash()).await.unwrap()),
@@ -340,7 +340,7 @@ async fn the_queue_has_a_limit_that_a_retry_does_not_meet() {
     let bench = Bench::with(|options| options.queue_limit = 2).await;
     bench.submit().await;
     bench.submit().await;
-    let refused = bench.store.submit(bench.new_job(), None).await;
+    let refused = bench.acts().submit(bench.new_job(), None).await;
     assert!(
         matches!(refused, Err(Error::QueueFull { limit: 2 })),
         "{refused:?}"
@@ -356,23 +356,23 @@ async fn a_cloud_stays_while_an_unfinished_job_needs_it() {
     let bench = Bench::new().await;
     bench.submit().await;
     assert_eq!(
-        bench.store.delete_cloud(&bench.cloud_id).await.unwrap(),
+        bench.acts().delete_cloud(&bench.cloud_id).await.unwrap(),
         CloudDeletion::InUse
     );
     let claim = bench.claim().await;
     assert_eq!(
-        bench.store.delete_cloud(&bench.cloud_id).await.unwrap(),
+        bench.acts().delete_cloud(&bench.cloud_id).await.unwrap(),
         CloudDeletion::InUse
     );
     bench.store.succeed(&claim, success()).await.unwrap();
-    let deleted = bench.store.delete_cloud(&bench.cloud_id).await.unwrap();
+    let deleted = bench.acts().delete_cloud(&bench.cloud_id).await.unwrap();
     assert!(matches!(deleted, CloudDeletion::Deleted(cloud) if cloud.sha256 == "a"));
     assert_eq!(
-        bench.store.delete_cloud(&bench.cloud_id).await.unwrap(),
+        bench.acts().delete_cloud(&bench.cloud_id).await.unwrap(),
         CloudDeletion::Missing
     );
     assert_eq!(bench.job(claim.job_id()).await.cloud_id, bench.cloud_id);
-    let refused = bench.store.submit(bench.new_job(), None).await;
+    let refused = bench.acts().submit(bench.new_job(), None).await;
     assert!(
         matches!(refused, Err(Error::CloudMissing(_))),
         "{refused:?}"
@@ -383,15 +383,15 @@ async fn a_cloud_stays_while_an_unfinished_job_needs_it() {
 async fn an_unknown_job_is_missing_everywhere() {
     let bench = Bench::new().await;
     let id = meshway::jobs::JobId::new();
-    assert_eq!(bench.store.job(&id).await.unwrap(), Lookup::Missing);
+    assert_eq!(bench.records().job(&id).await.unwrap(), Lookup::Missing);
     assert_eq!(
-        bench.store.request_cancel(&id).await.unwrap(),
+        bench.acts().request_cancel(&id).await.unwrap(),
         Lookup::Missing
     );
-    assert_eq!(bench.store.delete_job(&id).await.unwrap(), Lookup::Missing);
+    assert_eq!(bench.acts().delete_job(&id).await.unwrap(), Lookup::Missing);
     assert!(
         bench
-            .store
+            .records()
             .events_after(&id, 0, 10)
             .await
             .unwrap()

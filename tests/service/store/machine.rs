@@ -14,6 +14,7 @@ use proptest::prelude::*;
 use proptest::test_runner::FileFailurePersistence;
 
 use crate::store::support::{Bench, LEASE_MS, success};
+use crate::who::{ours, us};
 
 #[derive(Debug, Clone)]
 enum Step {
@@ -115,7 +116,7 @@ impl Machine {
         match *step {
             Step::Submit => {
                 let new = self.bench.new_job();
-                let job = self.store.submit(new, None).await.unwrap();
+                let job = self.store.by(us()).submit(new, None).await.unwrap();
                 self.jobs.push(Model {
                     id: job.id,
                     status: Status::Queued,
@@ -136,7 +137,7 @@ impl Machine {
             }
             Step::RequestCancel(n) => {
                 if let Some(job) = pick(&mut self.jobs, n) {
-                    let answer = self.store.request_cancel(&job.id).await.unwrap();
+                    let answer = self.store.by(us()).request_cancel(&job.id).await.unwrap();
                     assert_eq!(matches!(answer, Lookup::Gone(_)), job.erased);
                     if !job.erased && !job.status.is_final() {
                         job.cancel_requested = true;
@@ -148,7 +149,7 @@ impl Machine {
             }
             Step::Delete(n) => {
                 if let Some(job) = pick(&mut self.jobs, n) {
-                    let answer = self.store.delete_job(&job.id).await.unwrap();
+                    let answer = self.store.by(us()).delete_job(&job.id).await.unwrap();
                     assert_eq!(matches!(answer, Lookup::Gone(_)), job.erased);
                     job.erased = true;
                 }
@@ -237,7 +238,7 @@ impl Machine {
 
     async fn check(&self) {
         for model in &self.jobs {
-            let found = self.store.job(&model.id).await.unwrap();
+            let found = self.store.of(ours()).job(&model.id).await.unwrap();
             if model.erased {
                 assert!(matches!(found, Lookup::Gone(_)), "{found:?}");
                 continue;
@@ -261,7 +262,7 @@ impl Machine {
             );
             let lease = (model.status == Status::Running).then_some(model.lease_until);
             assert_eq!(job.lease_until, lease);
-            let mesh = self.store.mesh_info(&job.id, 0).await.unwrap();
+            let mesh = self.store.of(ours()).mesh_info(&job.id, 0).await.unwrap();
             assert_eq!(mesh.is_some(), job.status == Status::Succeeded);
         }
     }

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::who::{ours, us};
 use meshway::jobs::store::DATABASE_FILE;
 use meshway::jobs::{CloudId, IdempotencyState, JobId, Options, Store};
 use serde_json::json;
@@ -90,7 +91,7 @@ async fn series_from_before_blocks_are_read() {
     let store = Store::open(folder.path(), Options::default())
         .await
         .unwrap();
-    let rows = store.metrics(&id, 0, 10).await.unwrap();
+    let rows = store.of(ours()).metrics(&id, 0, 10).await.unwrap();
     assert_eq!(rows.len(), 1);
     assert_eq!((rows[0].evaluation, rows[0].iteration), (3, 2));
     assert_eq!(rows[0].blocks, None);
@@ -129,7 +130,7 @@ async fn answers_about_clouds_are_found_in_older_databases() {
         .await
         .unwrap();
     let begin = async |key: &str, scope: &str| {
-        let state = store.idempotency_begin(key, scope, "h");
+        let state = store.by(us()).idempotency_begin(key, scope, "h");
         state.await.unwrap()
     };
     let body = |state: &IdempotencyState| match state {
@@ -149,7 +150,7 @@ async fn answers_about_clouds_are_found_in_older_databases() {
     let bodies = "SELECT key FROM idempotency WHERE length(body) > 0 ORDER BY key";
     let kept: Vec<String> = sqlx::query_scalar(bodies).fetch_all(&mut db).await.unwrap();
     assert_eq!(kept, ["here", "job"]);
-    store.delete_cloud(&here).await.unwrap();
+    store.by(us()).delete_cloud(&here).await.unwrap();
     let kept: Vec<String> = sqlx::query_scalar(bodies).fetch_all(&mut db).await.unwrap();
     assert_eq!(kept, ["job"]);
     let gone = begin("here", uploads).await;

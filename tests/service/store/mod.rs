@@ -1,6 +1,7 @@
 //! The store by itself.
 
 mod attempts;
+mod audit;
 mod catalogue;
 mod content;
 mod life;
@@ -9,4 +10,5 @@ pub(crate) mod migrations;
 mod moving;
 mod objects;
 pub(crate) mod support;
+mod tenants;
 mod writer;

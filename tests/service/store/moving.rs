@@ -9,6 +9,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 
 use crate::store::migrations::{FOURTH, database};
+use crate::who::{ours, us};
 
 /// Bytes of the result, more than one transaction takes.
 const MESH_BYTES: usize = 20 * CHUNK_BYTES + 9;
@@ -100,19 +101,29 @@ impl Old {
 
     /// Everything is there.
     async fn check(&self, store: &Store) {
-        let result = store.mesh_info(&self.done, 0).await.unwrap().unwrap();
+        let result = store
+            .of(ours())
+            .mesh_info(&self.done, 0)
+            .await
+            .unwrap()
+            .unwrap();
         assert_eq!((result.bytes, &*result.sha256), (MESH_BYTES as u64, "hash"));
         let mut data = Vec::new();
         for position in 0..=20 {
             data.extend(store.mesh_chunk(&result, position).await.unwrap().unwrap());
         }
         assert!(data == self.mesh);
-        let model = store.model(&self.done).await.unwrap().unwrap();
+        let model = store.of(ours()).model(&self.done).await.unwrap().unwrap();
         assert_eq!((&*model.0, &*model.1), (&b"network"[..], "h"));
-        let snapshots = store.snapshots(&self.waiting).await.unwrap();
+        let snapshots = store.of(ours()).snapshots(&self.waiting).await.unwrap();
         let snapshot = store.mesh_chunk(&snapshots[0], 0).await.unwrap().unwrap();
         assert_eq!((snapshots[0].evaluation, &*snapshot), (3, &b"snapshot"[..]));
-        let checkpoint = store.checkpoint(&self.waiting).await.unwrap().unwrap();
+        let checkpoint = store
+            .of(ours())
+            .checkpoint(&self.waiting)
+            .await
+            .unwrap()
+            .unwrap();
         assert_eq!(
             (checkpoint.attempt, checkpoint.evaluation, &*checkpoint.data),
             (1, 5, &b"state"[..])
@@ -150,8 +161,8 @@ async fn content_of_an_older_folder_is_moved_out_of_the_rows() {
     // The job goes on from its checkpoint.
     let claim = store.claim("w", 6_000).await.unwrap().unwrap();
     assert_eq!((claim.job_id(), claim.job.evaluations), (&old.waiting, 5));
-    store.delete_job(&old.done).await.unwrap();
-    assert_eq!(store.model(&old.done).await.unwrap(), None);
+    store.by(us()).delete_job(&old.done).await.unwrap();
+    assert_eq!(store.of(ours()).model(&old.done).await.unwrap(), None);
 }
 
 #[tokio::test]

@@ -38,7 +38,7 @@ async fn a_large_write_stands_before_no_lease_and_no_submit() {
     assert!(!checkpoint.is_finished());
     sqlx::query("ROLLBACK").execute(&mut content).await.unwrap();
     checkpoint.await.unwrap().unwrap();
-    let written = bench.store.checkpoint(claim.job_id()).await.unwrap();
+    let written = bench.records().checkpoint(claim.job_id()).await.unwrap();
     assert_eq!(written.unwrap().data, vec![1; 3 * CHUNK_BYTES]);
 }
 
@@ -70,10 +70,13 @@ async fn what_a_dead_process_left_is_collected_and_nothing_that_is_named() {
     })
     .await;
     assert_eq!(collect(None).await, 0);
-    let mesh = bench.store.mesh_info(&id, 0).await.unwrap().unwrap();
+    let mesh = bench.records().mesh_info(&id, 0).await.unwrap().unwrap();
     let bytes = bench.store.mesh_chunk(&mesh, 0).await.unwrap().unwrap();
     assert_eq!(bytes, [7; 10]);
-    assert_eq!(bench.store.model(&id).await.unwrap().unwrap().0, [1, 2, 3]);
+    assert_eq!(
+        bench.records().model(&id).await.unwrap().unwrap().0,
+        [1, 2, 3]
+    );
 }
 
 #[tokio::test]
@@ -130,7 +133,7 @@ async fn garbage_is_told_from_what_is_about_to_be_named() {
         }
     }
     collector.abort();
-    let meshes = bench.store.snapshots(&id).await.unwrap();
+    let meshes = bench.records().snapshots(&id).await.unwrap();
     assert_eq!(meshes.len(), named);
     for mesh in meshes {
         for position in 0..18 {
@@ -156,7 +159,7 @@ async fn erasing_gives_the_space_back() {
             .sum::<u64>()
     };
     assert!(bytes() > 32 << 20);
-    bench.store.delete_job(&id).await.unwrap();
+    bench.acts().delete_job(&id).await.unwrap();
     until("the files are small", PATIENCE, async || {
         (bytes() < 1 << 20).then_some(())
     })

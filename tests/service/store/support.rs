@@ -6,11 +6,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
+use crate::who::{ours, us};
 use meshway::intake::Summary;
 use meshway::jobs::store::{CONTENT_FILE, DATABASE_FILE};
 use meshway::jobs::{
-    Claim, CloudId, Event, Job, JobId, Lease, NewCloud, NewJob, NewMesh, Options, Record, Store,
-    Success,
+    Acts, Claim, CloudId, Event, Job, JobId, Lease, NewCloud, NewJob, NewMesh, Options, Record,
+    Records, Store, Success,
 };
 use meshway::reconstruction::cloud::{Counts, Format};
 use meshway::reconstruction::space::Space;
@@ -42,7 +43,7 @@ impl Bench {
         let mut options = options(&clock);
         change(&mut options);
         let store = Store::open(dir.path(), options).await.unwrap();
-        let (cloud, created) = store.insert_cloud(new_cloud("a")).await.unwrap();
+        let (cloud, created) = store.by(us()).insert_cloud(new_cloud("a")).await.unwrap();
         assert!(created);
         Self {
             store,
@@ -50,6 +51,16 @@ impl Bench {
             clock,
             dir,
         }
+    }
+
+    /// The records of the tenant of all.
+    pub(crate) fn records(&self) -> Records<'_> {
+        self.store.of(ours())
+    }
+
+    /// What is done to them.
+    pub(crate) fn acts(&self) -> Acts<'_> {
+        self.store.by(us())
     }
 
     pub(crate) fn path(&self) -> &Path {
@@ -98,7 +109,11 @@ impl Bench {
     }
 
     pub(crate) async fn submit(&self) -> Job {
-        self.store.submit(self.new_job(), None).await.unwrap()
+        self.store
+            .by(us())
+            .submit(self.new_job(), None)
+            .await
+            .unwrap()
     }
 
     pub(crate) async fn claim(&self) -> Claim {
@@ -117,11 +132,21 @@ impl Bench {
     }
 
     pub(crate) async fn job(&self, id: &JobId) -> Job {
-        self.store.job(id).await.unwrap().found().unwrap()
+        self.store
+            .of(ours())
+            .job(id)
+            .await
+            .unwrap()
+            .found()
+            .unwrap()
     }
 
     pub(crate) async fn events(&self, id: &JobId) -> Vec<Event> {
-        self.store.events_after(id, 0, 10_000).await.unwrap()
+        self.store
+            .of(ours())
+            .events_after(id, 0, 10_000)
+            .await
+            .unwrap()
     }
 
     /// Names of a job's events; checks on the way that their ids are 1, 2, 3, ….

@@ -7,6 +7,7 @@ use meshway::jobs::{Error, JobFilter, Lookup, Options, Status, Store};
 use sqlx::Row;
 
 use crate::store::support::{Bench, LEASE_MS, new_cloud, success};
+use crate::who::ours;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn eight_claimers_in_four_processes_never_share_a_job() {
@@ -58,13 +59,13 @@ async fn requests_that_wait_together_are_committed_together() {
 async fn one_refused_request_does_not_touch_the_others_of_its_group() {
     let bench = Bench::with(|options| options.queue_limit = 5).await;
     let answers =
-        futures_util::future::join_all((0..40).map(|_| bench.store.submit(bench.new_job(), None)))
+        futures_util::future::join_all((0..40).map(|_| bench.acts().submit(bench.new_job(), None)))
             .await;
     let accepted: Vec<_> = answers.iter().flatten().collect();
     assert_eq!(accepted.len(), 5);
     for job in accepted {
         assert!(matches!(
-            bench.store.job(&job.id).await.unwrap(),
+            bench.records().job(&job.id).await.unwrap(),
             Lookup::Found(_)
         ));
     }
@@ -99,7 +100,7 @@ async fn a_locked_database_is_busy_after_a_while_and_recovers() {
         .execute(&mut other)
         .await
         .unwrap();
-    let refused = bench.store.submit(bench.new_job(), None).await;
+    let refused = bench.acts().submit(bench.new_job(), None).await;
     assert!(matches!(refused, Err(Error::Busy)), "{refused:?}");
     assert!(matches!(
         bench.store.check_writable().await,
@@ -130,16 +131,16 @@ async fn a_full_database_refuses_writes_whole_and_recovers() {
     .unwrap();
     let (refused, other) = futures_util::join!(
         bench.store.succeed(&claim, large.clone()),
-        bench.store.insert_cloud(new_cloud("b"))
+        bench.acts().insert_cloud(new_cloud("b"))
     );
     assert!(refused.is_err());
     // RAISE(ROLLBACK) ends the transaction as a full disk does: the group fails as one, or the
     // other request was in another group; never is there an answer without a row.
-    let there = bench.store.cloud_by_sha256("b").await.unwrap();
+    let there = bench.records().cloud_by_sha256("b").await.unwrap();
     assert_eq!(other.is_ok(), there.is_some());
     assert_eq!(bench.job(&id).await, claim.job);
-    assert_eq!(bench.store.mesh_info(&id, 0).await.unwrap(), None);
-    assert_eq!(bench.store.model(&id).await.unwrap(), None);
+    assert_eq!(bench.records().mesh_info(&id, 0).await.unwrap(), None);
+    assert_eq!(bench.records().model(&id).await.unwrap(), None);
     sqlx::query("DROP TRIGGER refuse")
         .execute(&mut db)
         .await
@@ -153,23 +154,23 @@ async fn what_was_answered_is_there_after_a_reopening() {
     let bench = Bench::new().await;
     let queued = bench.submit().await;
     bench.store.close().await;
-    let closed = bench.store.submit(bench.new_job(), None).await;
+    let closed = bench.acts().submit(bench.new_job(), None).await;
     assert!(matches!(closed, Err(Error::Closed)), "{closed:?}");
     assert!(matches!(
-        bench.store.job(&queued.id).await,
+        bench.records().job(&queued.id).await,
         Err(Error::Closed)
     ));
 
     let store = bench.second().await;
     assert_eq!(
-        store.job(&queued.id).await.unwrap(),
+        store.of(ours()).job(&queued.id).await.unwrap(),
         Lookup::Found(Box::new(queued.clone()))
     );
     // A process that dies closes nothing: what it committed is in the log.
     let claim = store.claim("w", LEASE_MS).await.unwrap().unwrap();
     let again = bench.second().await;
     assert_eq!(
-        again.job(&queued.id).await.unwrap().found(),
+        again.of(ours()).job(&queued.id).await.unwrap().found(),
         Some(claim.job)
     );
 }
@@ -178,13 +179,13 @@ async fn what_was_answered_is_there_after_a_reopening() {
 async fn a_caller_that_goes_away_leaves_all_or_nothing() {
     let bench = Bench::new().await;
     for patience in 0..20 {
-        let submit = bench.store.submit(bench.new_job(), None);
+        let submit = bench.acts().submit(bench.new_job(), None);
         // However far it came; the write itself is not stopped half-way.
         let _ = tokio::time::timeout(Duration::from_micros(patience * 50), submit).await;
     }
     let last = bench.submit().await;
     let jobs = bench
-        .store
+        .records()
         .list_jobs(&JobFilter::default(), None, 50)
         .await
         .unwrap();

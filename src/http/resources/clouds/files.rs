@@ -1,4 +1,4 @@
-//! The files of clouds: `clouds/<sha256>` in the data folder, each with a row.
+//! The files of clouds: `clouds/<sha256>` in the data folder, each with a row of a tenant or several.
 //!
 //! A file is in place before its row is written, and is removed after its row. The two steps of an
 //! upload must not mix with those of erasing the same bytes, or a row would be left without its
@@ -11,8 +11,9 @@ use crate::folder::{CLOUDS, in_folder};
 use crate::http::AppState;
 use crate::http::upload::{Upload, blocking};
 use crate::http::wire::error::{ApiError, Result};
+use crate::identity::Caller;
 use crate::intake::{File, Summary};
-use crate::jobs::{Cloud, CloudDeletion, CloudId, NewCloud};
+use crate::jobs::{Act, AuditOutcome, Cloud, CloudDeletion, CloudId, NewCloud};
 
 /// Where the bytes of a cloud are.
 pub(in crate::http) fn path(app: &AppState, sha256: &str) -> PathBuf {
@@ -39,14 +40,22 @@ pub(in crate::http) async fn read(app: &AppState, upload: &Upload) -> Result<Sum
 ///
 /// # Errors
 /// What is wrong with the cloud, the disk or the database.
-pub(in crate::http) async fn keep(app: &AppState, upload: Upload) -> Result<(Cloud, bool)> {
-    let known = app.store.cloud_by_sha256(&upload.spooled.sha256).await?;
+pub(in crate::http) async fn keep(
+    app: &AppState,
+    caller: &Caller,
+    upload: Upload,
+) -> Result<(Cloud, bool)> {
+    let records = app.store.of(&caller.tenant);
+    let known = records.cloud_by_sha256(&upload.spooled.sha256).await?;
     if let Some(cloud) = known
         && tokio::fs::try_exists(path(app, &cloud.sha256))
             .await
             .unwrap_or(false)
         && (upload.assume_orientation || !has_assumed(&cloud))
     {
+        let note = app.store.by(caller);
+        let id = cloud.id.as_str();
+        note.note(Act::CloudMatch, id, AuditOutcome::Done).await?;
         return Ok((cloud, false));
     }
     let summary = read(app, &upload).await?;
@@ -69,7 +78,7 @@ pub(in crate::http) async fn keep(app: &AppState, upload: Upload) -> Result<(Clo
     })
     .await?
     .map_err(ApiError::internal)?;
-    Ok(app.store.insert_cloud(new).await?)
+    Ok(app.store.by(caller).insert_cloud(new).await?)
 }
 
 /// Whether the cloud could be read only because its orientation was assumed: without leave for that
@@ -79,14 +88,19 @@ fn has_assumed(cloud: &Cloud) -> bool {
     contents.is_some_and(|contents| contents.assumed_orientation)
 }
 
-/// Erases a cloud, row first.
+/// Erases a cloud, row first. The file stays while a cloud of another tenant has the same bytes.
 ///
 /// # Errors
 /// Those of the database.
-pub(in crate::http) async fn erase(app: &AppState, id: &CloudId) -> Result<CloudDeletion> {
+pub(in crate::http) async fn erase(
+    app: &AppState,
+    caller: &Caller,
+    id: &CloudId,
+) -> Result<CloudDeletion> {
     let _alone = app.cloud_files.write().await;
-    let deletion = app.store.delete_cloud(id).await?;
+    let deletion = app.store.by(caller).delete_cloud(id).await?;
     if let CloudDeletion::Deleted(cloud) = &deletion
+        && !app.store.holds_sha256(&cloud.sha256).await?
         && let Err(error) = tokio::fs::remove_file(path(app, &cloud.sha256)).await
     {
         // The next start removes files without a row.

@@ -11,23 +11,26 @@ use axum::response::{IntoResponse, Response};
 
 use crate::http::AppState;
 use crate::http::api;
+use crate::http::resources::witness::witnessed;
 use crate::http::upload::{Payload, receive};
 use crate::http::wire::download::{Content, Download};
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{Id, NoQuery, Query, switch};
 use crate::http::wire::idempotency::{self, Begun};
 use crate::http::wire::page::{Page, PageOf};
-use crate::jobs::{Cloud, CloudDeletion, CloudId, Subject};
+use crate::identity::{Caller, Tenant};
+use crate::jobs::{Act, Cloud, CloudDeletion, CloudId, Subject};
 
 /// `POST /v1/clouds`: 201, or 200 when the same bytes are here already.
 pub(in crate::http) async fn create(
     State(app): State<AppState>,
+    caller: Caller,
     mut query: Query,
     request: Request,
 ) -> Result<Response> {
     let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
     query.finish()?;
-    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    let mut key = idempotency::Request::new(&caller, request.headers(), request.uri())?;
     key.admit(&app).await?;
     let Payload::File(mut upload, None) = receive(&app, request).await? else {
         let detail = "send a point cloud, raw or as the only part, file, of a form";
@@ -39,7 +42,7 @@ pub(in crate::http) async fn create(
         Begun::Replay(response) => return Ok(response),
         Begun::New(attempt) => attempt,
     };
-    let (cloud, created) = files::keep(&app, upload).await?;
+    let (cloud, created) = files::keep(&app, &caller, upload).await?;
     let status = if created {
         StatusCode::CREATED
     } else {
@@ -53,38 +56,41 @@ pub(in crate::http) async fn create(
 /// `GET /v1/clouds`: newest first.
 pub(in crate::http) async fn list(
     State(app): State<AppState>,
+    caller: Caller,
     uri: Uri,
     mut query: Query,
 ) -> Result<Response> {
     let page = Page::<CloudId>::of(&mut query);
     query.finish()?;
     let page = page?;
-    let found = app
-        .store
+    let records = app.store.of(&caller.tenant);
+    let found = records
         .list_clouds(page.before.as_ref(), page.limit + 1)
         .await?;
-    let PageOf { items, next } = page.cut(found, |cloud| cloud.id.as_str());
+    let PageOf { items, next } = page.cut(found, |cloud| cloud.id.to_string());
     Ok(next.answer(&uri, items.iter().map(api::Cloud::from).collect()))
 }
 
 /// `GET /v1/clouds/{id}`.
 pub(in crate::http) async fn show(
     State(app): State<AppState>,
+    caller: Caller,
     _: NoQuery,
     Id(id): Id<CloudId>,
 ) -> Result<Response> {
-    let cloud = find(&app, &id).await?;
+    let cloud = find(&app, &caller.tenant, &id).await?;
     Ok(Json(api::Cloud::from(&cloud)).into_response())
 }
 
 /// `GET /v1/clouds/{id}/content`: the bytes as they were uploaded.
 pub(in crate::http) async fn content(
     State(app): State<AppState>,
+    caller: Caller,
     _: NoQuery,
     Id(id): Id<CloudId>,
     headers: HeaderMap,
 ) -> Result<Response> {
-    let cloud = find(&app, &id).await?;
+    let cloud = find(&app, &caller.tenant, &id).await?;
     let ending = if cloud.summary.gzipped { ".gz" } else { "" };
     let download = Download {
         content: Content::File {
@@ -95,36 +101,38 @@ pub(in crate::http) async fn content(
         media_type: "application/octet-stream",
         file_name: format!("{}.{}{ending}", cloud.id, cloud.summary.format.extension()),
     };
-    download.respond(&headers).await
+    let response = download.respond(&headers).await?;
+    witnessed(&app, &caller, (Act::CloudRead, id.as_str()), response).await
 }
 
 /// `DELETE /v1/clouds/{id}`.
 pub(in crate::http) async fn erase(
     State(app): State<AppState>,
+    caller: Caller,
     _: NoQuery,
     Id(id): Id<CloudId>,
 ) -> Result<StatusCode> {
-    match files::erase(&app, &id).await? {
+    match files::erase(&app, &caller, &id).await? {
         CloudDeletion::Deleted(_) => Ok(StatusCode::NO_CONTENT),
         CloudDeletion::InUse => Err(ApiError::new(
             Code::CloudInUse,
             "a job that waits or runs needs the cloud; cancel the job first",
         )
         .retry_after(10)),
-        CloudDeletion::Missing => Err(absent(&app, &id).await),
+        CloudDeletion::Missing => Err(absent(&app, &caller.tenant, &id).await),
     }
 }
 
-pub(super) async fn find(app: &AppState, id: &CloudId) -> Result<Cloud> {
-    match app.store.cloud(id).await? {
+pub(super) async fn find(app: &AppState, tenant: &Tenant, id: &CloudId) -> Result<Cloud> {
+    match app.store.of(tenant).cloud(id).await? {
         Some(cloud) => Ok(cloud),
-        None => Err(absent(app, id).await),
+        None => Err(absent(app, tenant, id).await),
     }
 }
 
 /// Why there is no such cloud: it was erased, or never here.
-async fn absent(app: &AppState, id: &CloudId) -> ApiError {
-    match app.store.cloud_tombstone(id).await {
+async fn absent(app: &AppState, tenant: &Tenant, id: &CloudId) -> ApiError {
+    match app.store.of(tenant).cloud_tombstone(id).await {
         Ok(Some(tombstone)) => ApiError::gone("cloud", &tombstone),
         Ok(None) => ApiError::not_found("cloud"),
         Err(error) => error.into(),

@@ -7,11 +7,13 @@ use sha2::{Digest, Sha256};
 
 use super::{files, find};
 use crate::http::AppState;
+use crate::http::resources::witness::witnessed;
 use crate::http::wire::download::{Content, Download, hex};
 use crate::http::wire::error::{ApiError, Result};
 use crate::http::wire::extract::{Id, Query, text};
+use crate::identity::Caller;
 use crate::intake::{File, Subset};
-use crate::jobs::CloudId;
+use crate::jobs::{Act, CloudId};
 
 /// Points of an answer that are enough for a picture.
 const ENOUGH: usize = 100_000;
@@ -25,6 +27,7 @@ const ORIGIN: HeaderName = HeaderName::from_static("meshway-origin");
 /// `GET /v1/clouds/{id}/points`: at most `max` of them, as binary numbers.
 pub(in crate::http) async fn subset(
     State(app): State<AppState>,
+    caller: Caller,
     mut query: Query,
     Id(id): Id<CloudId>,
     headers: HeaderMap,
@@ -35,7 +38,7 @@ pub(in crate::http) async fn subset(
     });
     query.finish()?;
     let most = most.unwrap_or(ENOUGH);
-    let cloud = find(&app, &id).await?;
+    let cloud = find(&app, &caller.tenant, &id).await?;
     let path = files::path(&app, &cloud.sha256);
     let file = File {
         path: &path,
@@ -55,5 +58,5 @@ pub(in crate::http) async fn subset(
     let [x, y, z] = origin;
     let origin = HeaderValue::from_str(&format!("{x},{y},{z}")).map_err(ApiError::internal)?;
     response.headers_mut().insert(ORIGIN, origin);
-    Ok(response)
+    witnessed(&app, &caller, (Act::CloudRead, id.as_str()), response).await
 }

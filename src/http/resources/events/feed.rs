@@ -177,7 +177,7 @@ impl Task {
     async fn run(self) {
         let mut changed = self.store.changed();
         let mut seq = loop {
-            match self.store.last_seq().await {
+            match self.store.last_seq_of_all().await {
                 Ok(seq) => break seq,
                 Err(error) => tracing::warn!(error.message = %error, "no events can be read"),
             }
@@ -195,7 +195,7 @@ impl Task {
     /// Hands on what came after `seq`, and says how far it came.
     async fn forward(&self, mut seq: i64) -> i64 {
         loop {
-            let events = match self.store.all_events_after(seq, PAGE).await {
+            let events = match self.store.events_of_all(seq, PAGE).await {
                 Ok(events) => events,
                 Err(error) => {
                     tracing::warn!(error.message = %error, "no events can be read");

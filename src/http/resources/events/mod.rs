@@ -1,39 +1,32 @@
 //! Event streams (server-sent events), of one job and of all, and the same events as JSON pages.
 
 pub(in crate::http) mod feed;
+mod subscription;
 
 use std::collections::VecDeque;
-use std::time::Duration;
 
+use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::header::{ACCEPT, CACHE_CONTROL, CONTENT_TYPE, LINK};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
-use axum::{Extension, Json};
 use bytes::Bytes;
 use futures_util::stream;
 use serde_json::{Value, json};
-use tokio::sync::broadcast::error::RecvError;
 use tokio::time::Instant;
 
 use crate::http::AppState;
 use crate::http::api;
-use crate::http::door::places::Peer;
-use crate::http::resources::events::feed::{Listener, News};
+use crate::http::resources::events::subscription::{SILENCE, Subscription};
 use crate::http::resources::jobs::found::found;
 use crate::http::wire::error::{ApiError, Result};
 use crate::http::wire::extract::{Id, Query, text};
-use crate::jobs::{Event, EventKind, Job, JobId, Lookup, Problem, Status};
+use crate::identity::{Caller, Tenant};
+use crate::jobs::{Event, EventKind, Job, JobId, Problem, Status};
 
 /// Time after which a client that lost its connection should come back, in milliseconds.
 const RETRY_MILLISECONDS: u32 = 2_000;
-
-/// Time without a frame after which a comment tells proxies that the stream lives.
-const SILENCE: Duration = Duration::from_secs(15);
-
-/// Events that a stream reads at once: what it may hold in memory.
-const PAGE: u32 = 100;
 
 /// Most events of a JSON page.
 pub(in crate::http) const MAX_LIMIT: u32 = 1_000;
@@ -41,15 +34,15 @@ pub(in crate::http) const MAX_LIMIT: u32 = 1_000;
 /// GET /v1/jobs/{id}/events
 pub(in crate::http) async fn of_job(
     State(app): State<AppState>,
+    caller: Caller,
     Id(id): Id<JobId>,
     query: Query,
-    peer: Option<Extension<Peer>>,
     headers: HeaderMap,
 ) -> Result<Response> {
     let asked = Asked::of(query, &headers)?;
-    let job = found(app.store.job(&id).await?)?;
+    let job = found(app.store.of(&caller.tenant).job(&id).await?)?;
     if wants_json(&headers) {
-        return page(&app, Some(&job), &asked).await;
+        return page(&app, &caller.tenant, Some(&job), &asked).await;
     }
     let newest = job.events;
     let after = match asked.after {
@@ -69,28 +62,29 @@ pub(in crate::http) async fn of_job(
         }),
         ended: job.status.is_final(),
     };
-    open(app, (Some(id), peer), after.ok_or_else(reset)).await
+    open(app, caller, Some(id), after.ok_or_else(reset)).await
 }
 
 /// GET /v1/events
 pub(in crate::http) async fn of_all(
     State(app): State<AppState>,
+    caller: Caller,
     query: Query,
-    peer: Option<Extension<Peer>>,
     headers: HeaderMap,
 ) -> Result<Response> {
     let asked = Asked::of(query, &headers)?;
     if wants_json(&headers) {
-        return page(&app, None, &asked).await;
+        return page(&app, &caller.tenant, None, &asked).await;
     }
-    let newest = app.store.last_seq().await?;
+    let records = app.store.of(&caller.tenant);
+    let newest = records.last_seq().await?;
     let after = match asked.after {
         After::Anything => Ok(newest),
         After::Event(id) if (0..=newest).contains(&id) => Ok(id),
         After::Event(_) | After::Unknown => {
-            let first = app.store.all_events_after(0, 1).await?;
+            let first = records.all_events_after(0, 1).await?;
             let oldest = first.first().map_or(0, |event| event.seq);
-            let counts = app.store.counts().await?;
+            let counts = records.counts().await?;
             let counts = Status::ALL.map(|status| (status.name(), counts.get(status)));
             Err(Reset {
                 newest,
@@ -103,7 +97,7 @@ pub(in crate::http) async fn of_all(
             })
         }
     };
-    open(app, (None, peer), after).await
+    open(app, caller, None, after).await
 }
 
 /// Where to continue.
@@ -155,14 +149,20 @@ fn wants_json(headers: &HeaderMap) -> bool {
 }
 
 /// A page of events as JSON.
-async fn page(app: &AppState, job: Option<&Job>, asked: &Asked) -> Result<Response> {
+async fn page(
+    app: &AppState,
+    tenant: &Tenant,
+    job: Option<&Job>,
+    asked: &Asked,
+) -> Result<Response> {
+    let records = app.store.of(tenant);
     let after = match asked.after {
         After::Event(id) => id,
         After::Anything | After::Unknown => 0,
     };
     let events = match job {
-        Some(job) => app.store.events_after(&job.id, after, asked.limit).await?,
-        None => app.store.all_events_after(after, asked.limit).await?,
+        Some(job) => records.events_after(&job.id, after, asked.limit).await?,
+        None => records.all_events_after(after, asked.limit).await?,
     };
     let all = job.is_none();
     let next = (events.len() == asked.limit as usize)
@@ -206,11 +206,11 @@ struct Reset {
 /// Opens a stream after an id, or with a reset to the newest one.
 async fn open(
     app: AppState,
-    (job, peer): (Option<JobId>, Option<Extension<Peer>>),
+    caller: Caller,
+    job: Option<JobId>,
     after: std::result::Result<i64, Reset>,
 ) -> Result<Response> {
-    let client = peer.map(|Extension(Peer(address))| address.ip());
-    let listener = app.feed.listen(client).await?;
+    let listener = app.feed.listen(caller.address).await?;
     let mut frames = VecDeque::from([Bytes::from(format!("retry: {RETRY_MILLISECONDS}\n"))]);
     let (last, ended) = match after {
         Ok(id) => (id, false),
@@ -221,6 +221,7 @@ async fn open(
     };
     let subscription = Subscription {
         app,
+        caller,
         job,
         listener,
         last,
@@ -228,6 +229,7 @@ async fn open(
         behind: true,
         ended,
         comment_at: Instant::now() + SILENCE,
+        check_at: Instant::now() + SILENCE,
     };
     let frames = stream::unfold(subscription, async |mut subscription| {
         let frame = subscription.next().await?;
@@ -239,113 +241,6 @@ async fn open(
     headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
     headers.insert("x-accel-buffering", HeaderValue::from_static("no"));
     Ok(response)
-}
-
-/// An open stream.
-struct Subscription {
-    app: AppState,
-    /// The job that is listened to; none for all of them.
-    job: Option<JobId>,
-    listener: Listener,
-    /// Id of the last event that was sent: of the job's events, or of all.
-    last: i64,
-    /// What is ready to be sent.
-    frames: VecDeque<Bytes>,
-    /// Whether rows must be read: the feed alone does not have all that is missing.
-    behind: bool,
-    ended: bool,
-    comment_at: Instant,
-}
-
-impl Subscription {
-    async fn next(&mut self) -> Option<Bytes> {
-        loop {
-            if let Some(frame) = self.frames.pop_front() {
-                self.comment_at = Instant::now() + SILENCE;
-                return Some(frame);
-            }
-            if self.ended {
-                return None;
-            }
-            // At the end of the service the rest of a long backlog is left to the next one.
-            if self.behind && !self.app.shutdown.is_cancelled() {
-                self.read_rows().await;
-                continue;
-            }
-            let shutdown = self.app.shutdown.clone();
-            tokio::select! {
-                biased;
-                () = shutdown.cancelled() => {
-                    self.frames.push_back(frame(None, "shutdown", &json!({})));
-                    self.ended = true;
-                }
-                received = self.listener.news.recv() => match received {
-                    Ok(News::Event(event)) => self.hear(&event),
-                    Ok(News::Erased(job)) => self.ended |= self.job == Some(job),
-                    Err(RecvError::Lagged(_)) => self.behind = true,
-                    Err(RecvError::Closed) => self.ended = true,
-                },
-                () = tokio::time::sleep_until(self.comment_at) => self.comment().await,
-            }
-        }
-    }
-
-    /// Takes an event of the feed: the next one, an old one, or one that leaves a gap behind.
-    fn hear(&mut self, event: &Event) {
-        let next = match &self.job {
-            None => event.seq > self.last,
-            Some(job) if *job != event.job_id => false,
-            Some(_) if event.id > self.last + 1 => {
-                self.behind = true;
-                false
-            }
-            Some(_) => event.id > self.last,
-        };
-        if next {
-            self.send(event);
-        }
-    }
-
-    async fn read_rows(&mut self) {
-        let store = &self.app.store;
-        let events = match &self.job {
-            Some(job) => store.events_after(job, self.last, PAGE).await,
-            None => store.all_events_after(self.last, PAGE).await,
-        };
-        match events {
-            Ok(events) => {
-                self.behind = events.len() == PAGE as usize;
-                for event in &events {
-                    self.send(event);
-                }
-            }
-            Err(error) => {
-                // The client comes back and continues where it was.
-                tracing::warn!(error.message = %error, "an event stream ends early");
-                self.ended = true;
-            }
-        }
-    }
-
-    fn send(&mut self, event: &Event) {
-        let all = self.job.is_none();
-        self.last = number(event, all);
-        self.frames
-            .push_back(frame(Some(self.last), event.kind.name(), &data(event)));
-        if !all && event.kind.is_last() {
-            self.ended = true;
-            self.behind = false;
-        }
-    }
-
-    /// A sign of life; a stream that lagged behind may not have heard that its job was erased.
-    async fn comment(&mut self) {
-        self.frames.push_back(Bytes::from_static(b": alive\n"));
-        if let Some(job) = &self.job {
-            let lookup = self.app.store.job(job).await;
-            self.ended = !matches!(lookup, Ok(Lookup::Found(_)));
-        }
-    }
 }
 
 /// The id of an event in a stream of one job, or of all.

@@ -6,6 +6,7 @@ use axum::http::request::Parts;
 use crate::http::AppState;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::Id;
+use crate::identity::Caller;
 use crate::jobs::{Job, JobId, Lookup, Status};
 
 /// The job of the path, `{id}`, in any state.
@@ -17,7 +18,8 @@ impl FromRequestParts<AppState> for Found {
 
     async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Self> {
         let Id(id) = Id::<JobId>::from_request_parts(parts, app).await?;
-        found(app.store.job(&id).await?).map(Self)
+        let caller = Caller::from_request_parts(parts, app).await?;
+        found(app.store.of(&caller.tenant).job(&id).await?).map(Self)
     }
 }
 

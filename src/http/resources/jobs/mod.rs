@@ -26,6 +26,7 @@ use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{Id, Members, NoQuery, Query, switch, text};
 use crate::http::wire::idempotency::{self, Attempt, Begun, kept_headers};
 use crate::http::wire::page::{Page, PageOf};
+use crate::identity::{Caller, Tenant};
 use crate::jobs::{
     Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject, Verdict,
 };
@@ -34,6 +35,7 @@ use crate::reconstruction::medical::Choice;
 /// `POST /v1/jobs`: for a cloud that is here, or with the cloud itself.
 pub(in crate::http) async fn create(
     State(app): State<AppState>,
+    caller: Caller,
     mut query: Query,
     request: Request,
 ) -> Result<Response> {
@@ -43,7 +45,7 @@ pub(in crate::http) async fn create(
     let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
     query.finish()?;
     let wish = Wish::of(request.headers())?;
-    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    let mut key = idempotency::Request::new(&caller, request.headers(), request.uri())?;
     if !dry_run {
         key.admit(&app).await?;
     }
@@ -66,23 +68,24 @@ pub(in crate::http) async fn create(
         Begun::New(attempt) => attempt,
     };
     if dry_run {
-        let response = estimate(&app, &asked, upload.as_ref()).await?;
+        let response = estimate(&app, &caller.tenant, &asked, upload.as_ref()).await?;
         return attempt.keep(response, None).await;
     }
     let cloud = match (upload, &asked.cloud_id) {
-        (Some(upload), _) => files::keep(&app, upload).await?.0,
-        (None, Some(id)) => find_cloud(&app, id).await?,
+        (Some(upload), _) => files::keep(&app, &caller, upload).await?.0,
+        (None, Some(id)) => find_cloud(&app, &caller.tenant, id).await?,
         (None, None) => return Err(ApiError::internal("a job without a cloud was let in")),
     };
     asked.check(&app.config, Some(&cloud.summary))?;
-    let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
-    wish.answer(&app, job).await
+    let job = submit(&app, &caller, asked.of_cloud(cloud.id), attempt).await?;
+    wish.answer(&app, &caller, job).await
 }
 
 /// `GET /v1/jobs`: newest first, filtered by `status`, `label` (`key:value`), `cloud_id`, `verdict`
 /// and `created_after`.
 pub(in crate::http) async fn list(
     State(app): State<AppState>,
+    caller: Caller,
     uri: Uri,
     mut query: Query,
 ) -> Result<Response> {
@@ -111,14 +114,14 @@ pub(in crate::http) async fn list(
     };
     query.finish()?;
     let page = page?;
-    let listed = app
-        .store
+    let records = app.store.of(&caller.tenant);
+    let listed = records
         .list_jobs(&filter, page.before.as_ref(), page.limit + 1)
         .await?;
-    let PageOf { items, next } = page.cut(listed, |job| job.id.as_str());
+    let PageOf { items, next } = page.cut(listed, |job| job.id.to_string());
     let waits = items.iter().any(|job| job.status == Status::Queued);
     let places = if waits {
-        app.store.queue_positions().await?
+        records.queue_positions().await?
     } else {
         HashMap::new()
     };
@@ -142,11 +145,12 @@ pub(in crate::http) async fn show(
 /// `POST /v1/jobs/{id}/cancel`: whatever came first, the answer is the true state.
 pub(in crate::http) async fn cancel(
     State(app): State<AppState>,
+    caller: Caller,
     _: NoQuery,
     Id(id): Id<JobId>,
     request: Request,
 ) -> Result<Response> {
-    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    let mut key = idempotency::Request::new(&caller, request.headers(), request.uri())?;
     let body = upload::json(&app, request, JSON_LIMIT).await?;
     key.content(&body);
     members_of("the body", Some(&body))?.finish()?;
@@ -154,7 +158,7 @@ pub(in crate::http) async fn cancel(
         Begun::Replay(response) => return Ok(response),
         Begun::New(attempt) => attempt,
     };
-    let job = found(app.store.request_cancel(&id).await?)?;
+    let job = found(app.store.by(&caller).request_cancel(&id).await?)?;
     let response = answer(StatusCode::OK, &job, None);
     attempt.keep(response, Some(Subject::Job(job.id))).await
 }
@@ -162,12 +166,13 @@ pub(in crate::http) async fn cancel(
 /// `POST /v1/jobs/{id}/retry`: a new job from one that has ended.
 pub(in crate::http) async fn retry(
     State(app): State<AppState>,
+    caller: Caller,
     _: NoQuery,
     Id(id): Id<JobId>,
     request: Request,
 ) -> Result<Response> {
     let wish = Wish::of(request.headers())?;
-    let mut key = idempotency::Request::new(request.headers(), request.uri())?;
+    let mut key = idempotency::Request::new(&caller, request.headers(), request.uri())?;
     key.admit(&app).await?;
     let body = upload::json(&app, request, JSON_LIMIT).await?;
     key.content(&body);
@@ -176,7 +181,7 @@ pub(in crate::http) async fn retry(
         Begun::Replay(response) => return Ok(response),
         Begun::New(attempt) => attempt,
     };
-    let job = found(app.store.job(&id).await?)?;
+    let job = found(app.store.of(&caller.tenant).job(&id).await?)?;
     if !job.status.is_final() {
         let detail = format!(
             "the job is {}; it can be tried again when it has ended",
@@ -185,26 +190,27 @@ pub(in crate::http) async fn retry(
         return Err(ApiError::new(Code::ResultNotReady, detail));
     }
     let asked = JobRequest::again(&job, members)?;
-    let cloud = find_cloud(&app, &job.cloud_id).await?;
+    let cloud = find_cloud(&app, &caller.tenant, &job.cloud_id).await?;
     asked.check(&app.config, Some(&cloud.summary))?;
-    let job = submit(&app, asked.of_cloud(cloud.id), attempt).await?;
-    wish.answer(&app, job).await
+    let job = submit(&app, &caller, asked.of_cloud(cloud.id), attempt).await?;
+    wish.answer(&app, &caller, job).await
 }
 
 /// `DELETE /v1/jobs/{id}`: with all its results, in any state.
 pub(in crate::http) async fn erase(
     State(app): State<AppState>,
+    caller: Caller,
     _: NoQuery,
     Id(id): Id<JobId>,
 ) -> Result<StatusCode> {
-    found(app.store.delete_job(&id).await?)?;
+    found(app.store.by(&caller).delete_job(&id).await?)?;
     app.meshes.erase(&id);
     app.feed.erased(id);
     Ok(StatusCode::NO_CONTENT)
 }
 
 /// Puts the job into the queue; under a key its answer is kept in the same transaction.
-async fn submit(app: &AppState, new: NewJob, attempt: Attempt) -> Result<Job> {
+async fn submit(app: &AppState, caller: &Caller, new: NewJob, attempt: Attempt) -> Result<Job> {
     let keep = attempt.with_job(|job| {
         let headers = answer(StatusCode::ACCEPTED, job, None);
         StoredResponse {
@@ -213,16 +219,21 @@ async fn submit(app: &AppState, new: NewJob, attempt: Attempt) -> Result<Job> {
             body: body(job, None),
         }
     });
-    let job = app.store.submit(new, keep).await?;
+    let job = app.store.by(caller).submit(new, keep).await?;
     attempt.kept();
     Ok(job)
 }
 
 /// The answer to a dry run: what would be done, and what it would cost.
-async fn estimate(app: &AppState, asked: &JobRequest, upload: Option<&Upload>) -> Result<Response> {
+async fn estimate(
+    app: &AppState,
+    tenant: &Tenant,
+    asked: &JobRequest,
+    upload: Option<&Upload>,
+) -> Result<Response> {
     let summary = match (upload, &asked.cloud_id) {
         (Some(upload), _) => Some(files::read(app, upload).await?),
-        (None, Some(id)) => Some(find_cloud(app, id).await?.summary),
+        (None, Some(id)) => Some(find_cloud(app, tenant, id).await?.summary),
         (None, None) => None,
     };
     let body = api::DryRun {
@@ -253,14 +264,14 @@ fn members_of(part: &str, body: Option<&[u8]>) -> Result<Members> {
     }
 }
 
-async fn find_cloud(app: &AppState, id: &CloudId) -> Result<Cloud> {
-    let cloud = app.store.cloud(id).await?;
+async fn find_cloud(app: &AppState, tenant: &Tenant, id: &CloudId) -> Result<Cloud> {
+    let cloud = app.store.of(tenant).cloud(id).await?;
     cloud.ok_or_else(|| Error::CloudMissing(id.clone()).into())
 }
 
 async fn position(app: &AppState, job: &Job) -> Result<Option<u64>> {
     if job.status == Status::Queued {
-        Ok(app.store.queue_position(&job.id).await?)
+        Ok(app.store.of(&job.tenant).queue_position(&job.id).await?)
     } else {
         Ok(None)
     }

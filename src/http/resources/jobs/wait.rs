@@ -10,10 +10,12 @@ use crate::http::AppState;
 use crate::http::resources::jobs::answer::{PREFERENCE_APPLIED, answer, url};
 use crate::http::resources::jobs::found::found;
 use crate::http::resources::meshes;
+use crate::http::resources::witness::witnessed;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::preferred_wait;
 use crate::http::wire::idempotency::KEY;
-use crate::jobs::{Job, JobId, Status};
+use crate::identity::Caller;
+use crate::jobs::{Act, Job, Status};
 use crate::reconstruction::mesh::write::Format;
 
 /// Longest pause between two looks at the job, in case a wake-up is lost.
@@ -57,22 +59,27 @@ impl Wish {
     /// # Errors
     /// [`Code::Gone`] when the job was erased meanwhile; the job's own problem when its mesh was
     /// asked for and there is none.
-    pub(in crate::http) async fn answer(self, app: &AppState, job: Job) -> Result<Response> {
+    pub(in crate::http) async fn answer(
+        self,
+        app: &AppState,
+        caller: &Caller,
+        job: Job,
+    ) -> Result<Response> {
         let Some(wait) = self.wait else {
             let position = if self.place {
-                app.store.queue_position(&job.id).await?
+                app.store.of(&job.tenant).queue_position(&job.id).await?
             } else {
                 None
             };
             return Ok(answer(StatusCode::ACCEPTED, &job, position));
         };
-        let job = until_ended(app, &job.id, wait).await?;
+        let job = until_ended(app, &job, wait).await?;
         let mut response = match (job.status, self.mesh) {
             (Status::Queued | Status::Running, _) => {
-                let position = app.store.queue_position(&job.id).await?;
+                let position = app.store.of(&job.tenant).queue_position(&job.id).await?;
                 answer(StatusCode::ACCEPTED, &job, position)
             }
-            (Status::Succeeded, Some(format)) => mesh(app, &job, format).await?,
+            (Status::Succeeded, Some(format)) => mesh(app, caller, &job, format).await?,
             (Status::Failed, Some(_)) => return Err(failure(&job)),
             (Status::Cancelled, Some(_)) => {
                 let detail = format!("the job {} was cancelled: it has no mesh", job.id);
@@ -97,13 +104,13 @@ fn failure(job: &Job) -> ApiError {
 }
 
 /// The job once it has ended, the time is up, or the service stops.
-async fn until_ended(app: &AppState, id: &JobId, wait: Duration) -> Result<Job> {
+async fn until_ended(app: &AppState, job: &Job, wait: Duration) -> Result<Job> {
     // Subscribed before the row is read: a commit in between is not missed.
     let mut changed = app.store.changed();
     let deadline = tokio::time::Instant::now() + wait;
     loop {
         changed.mark_unchanged();
-        let job = found(app.store.job(id).await?)?;
+        let job = found(app.store.of(&job.tenant).job(&job.id).await?)?;
         if job.status.is_final() || app.shutdown.is_cancelled() {
             return Ok(job);
         }
@@ -117,8 +124,9 @@ async fn until_ended(app: &AppState, id: &JobId, wait: Duration) -> Result<Job> 
 }
 
 /// The mesh itself, and where the job is that made it.
-async fn mesh(app: &AppState, job: &Job, format: Format) -> Result<Response> {
+async fn mesh(app: &AppState, caller: &Caller, job: &Job, format: Format) -> Result<Response> {
     let response = meshes::respond(app, job, 0, (format, None), &HeaderMap::new()).await?;
+    let response = witnessed(app, caller, (Act::MeshRead, job.id.as_str()), response).await?;
     let mut response = meshes::varies(response);
     let described = format!("<{}>; rel=\"describedby\"", url(job));
     for (name, value) in [(LOCATION, url(job)), (LINK, described)] {

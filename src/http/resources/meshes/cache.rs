@@ -19,6 +19,7 @@ use crate::http::resources::jobs::found::found;
 use crate::http::resources::meshes::rendition::Rendition;
 use crate::http::wire::download::{Content, hex};
 use crate::http::wire::error::{ApiError, Code, Result};
+use crate::identity::Tenant;
 use crate::jobs::{Job, JobId, MeshInfo, Store};
 
 /// Most bytes of cached files. The newest file stays even if it is larger.
@@ -39,7 +40,7 @@ struct Kept {
     uses: u64,
 }
 
-/// Hash of the canonical mesh, and the name of the rendition.
+/// Hash of the tenant and the canonical mesh, and the name of the rendition.
 type Key = (String, String);
 
 struct Entry {
@@ -114,14 +115,14 @@ impl MeshCache {
         mesh: &MeshInfo,
         rendition: Rendition,
     ) -> Result<(Content, String)> {
-        let key = (mesh.sha256.clone(), rendition.name());
+        let key = (named(&job.tenant, &mesh.sha256), rendition.name());
         if let Some(file) = self.kept().used_by(&key, &job.id) {
             return Ok(file.content());
         }
         let turn = Arc::clone(&self.turn).acquire_owned().await;
         let turn = turn.map_err(ApiError::internal)?;
         let (cache, store) = (Arc::clone(self), store.clone());
-        let (job, mesh) = (job.id.clone(), mesh.clone());
+        let (tenant, job, mesh) = (job.tenant.clone(), job.id.clone(), mesh.clone());
         // A separate task, which continues when the client hangs up. Otherwise a file that the
         // cache does not know would outlive its job.
         let work = tokio::spawn(async move {
@@ -133,7 +134,7 @@ impl MeshCache {
             };
             // Erasing removes rows before files, so either it sees this file or this sees the
             // missing row.
-            let there = store.job(&job).await.map_err(ApiError::from);
+            let there = store.of(&tenant).job(&job).await.map_err(ApiError::from);
             match there.and_then(found) {
                 Ok(_) => Ok(content),
                 Err(error) => {
@@ -233,6 +234,12 @@ impl Kept {
         };
         self.files.insert(key, entry);
     }
+}
+
+/// What a mesh goes by. Each tenant has its own files: how fast one answers must not tell that another
+/// tenant has the same mesh.
+fn named(tenant: &Tenant, sha256: &str) -> String {
+    hex(Sha256::digest(format!("{tenant} {sha256}")))
 }
 
 /// The bytes of the mesh from the database.

@@ -15,11 +15,13 @@ use rendition::Rendition;
 use crate::http::AppState;
 use crate::http::api;
 use crate::http::resources::jobs::found::{Found, Succeeded, found};
+use crate::http::resources::witness::witnessed;
 use crate::http::wire::accept::preferred;
 use crate::http::wire::download::{Content, Download};
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{NoQuery, Query};
-use crate::jobs::{Job, MeshInfo, Verdict};
+use crate::identity::Caller;
+use crate::jobs::{Act, Job, MeshInfo, Verdict};
 use crate::reconstruction::mesh::write::Format;
 use crate::reconstruction::space::Frame;
 
@@ -56,31 +58,34 @@ const ENDINGS: [(&str, Format); 8] = [
 /// GET /v1/jobs/{id}/mesh
 pub(in crate::http) async fn negotiated(
     State(app): State<AppState>,
+    caller: Caller,
     InSpace(frame): InSpace,
     Succeeded(job): Succeeded,
     headers: HeaderMap,
 ) -> Result<Response> {
-    respond(&app, &job, 0, (accepted(&headers)?, frame), &headers)
-        .await
-        .map(varies)
+    let asked = (accepted(&headers)?, frame);
+    let response = respond(&app, &job, 0, asked, &headers).await.map(varies)?;
+    witnessed(&app, &caller, (Act::MeshRead, job.id.as_str()), response).await
 }
 
 /// GET /v1/jobs/{id}/mesh.{format}
 pub(in crate::http) async fn result(
     State(app): State<AppState>,
+    caller: Caller,
     InSpace(frame): InSpace,
     Succeeded(job): Succeeded,
-    uri: Uri,
-    headers: HeaderMap,
+    parts: Parts,
 ) -> Result<Response> {
-    let (_, ending) = last_segment(&uri);
+    let (_, ending) = last_segment(&parts.uri);
     let format = ending.and_then(by_ending).ok_or_else(no_format)?;
-    respond(&app, &job, 0, (format, frame), &headers).await
+    let response = respond(&app, &job, 0, (format, frame), &parts.headers).await?;
+    witnessed(&app, &caller, (Act::MeshRead, job.id.as_str()), response).await
 }
 
 /// GET /v1/jobs/{id}/mask.nii.gz
 pub(in crate::http) async fn mask(
     State(app): State<AppState>,
+    caller: Caller,
     _: NoQuery,
     Succeeded(job): Succeeded,
     headers: HeaderMap,
@@ -101,7 +106,8 @@ pub(in crate::http) async fn mask(
         media_type: "application/gzip",
         file_name: format!("{}.nii.gz", job.id),
     };
-    deliver(&app, &job, download, &headers).await
+    let response = deliver(&app, &job, download, &headers).await?;
+    witnessed(&app, &caller, (Act::MeshRead, job.id.as_str()), response).await
 }
 
 /// GET /v1/jobs/{id}/snapshots
@@ -110,7 +116,7 @@ pub(in crate::http) async fn snapshots(
     _: NoQuery,
     Found(job): Found,
 ) -> Result<Response> {
-    let snapshots = app.store.snapshots(&job.id).await?;
+    let snapshots = app.store.of(&job.tenant).snapshots(&job.id).await?;
     let body = api::JobItems {
         job_id: &job.id,
         items: snapshots.iter().map(|mesh| describe(&job, mesh)).collect(),
@@ -121,28 +127,26 @@ pub(in crate::http) async fn snapshots(
 /// GET /v1/jobs/{id}/snapshots/{file}: an evaluation, and the ending of a format.
 pub(in crate::http) async fn snapshot(
     State(app): State<AppState>,
+    caller: Caller,
     InSpace(frame): InSpace,
     Found(job): Found,
-    uri: Uri,
-    headers: HeaderMap,
+    parts: Parts,
 ) -> Result<Response> {
-    let (stem, ending) = last_segment(&uri);
+    let (stem, ending) = last_segment(&parts.uri);
     let no_snapshot = || ApiError::not_found("snapshot");
     let evaluation: u64 = stem.parse().map_err(|_| no_snapshot())?;
     if evaluation == 0 {
         return Err(no_snapshot());
     }
-    match ending {
-        None => {
-            let asked = (accepted(&headers)?, frame);
-            let response = respond(&app, &job, evaluation, asked, &headers).await;
-            response.map(varies)
-        }
-        Some(ending) => {
-            let format = by_ending(ending).ok_or_else(no_format)?;
-            respond(&app, &job, evaluation, (format, frame), &headers).await
-        }
+    let format = match ending {
+        None => accepted(&parts.headers)?,
+        Some(ending) => by_ending(ending).ok_or_else(no_format)?,
+    };
+    let mut response = respond(&app, &job, evaluation, (format, frame), &parts.headers).await?;
+    if ending.is_none() {
+        response = varies(response);
     }
+    witnessed(&app, &caller, (Act::MeshRead, job.id.as_str()), response).await
 }
 
 /// GET /v1/jobs/{id}/report
@@ -153,11 +157,12 @@ pub(in crate::http) async fn report(_: NoQuery, Succeeded(job): Succeeded) -> Re
 /// GET /v1/jobs/{id}/model
 pub(in crate::http) async fn model(
     State(app): State<AppState>,
+    caller: Caller,
     _: NoQuery,
     Succeeded(job): Succeeded,
     headers: HeaderMap,
 ) -> Result<Response> {
-    let model = app.store.model(&job.id).await?;
+    let model = app.store.of(&job.tenant).model(&job.id).await?;
     let (bytes, sha256) = model.ok_or_else(|| ApiError::not_found("model"))?;
     let download = Download {
         content: Content::Memory(bytes.into()),
@@ -165,7 +170,8 @@ pub(in crate::http) async fn model(
         media_type: "application/octet-stream",
         file_name: format!("{}.safetensors", job.id),
     };
-    download.respond(&headers).await
+    let response = download.respond(&headers).await?;
+    witnessed(&app, &caller, (Act::ModelRead, job.id.as_str()), response).await
 }
 
 /// The frame that a mesh is asked for in, `space`; none for that of the cloud.
@@ -231,7 +237,11 @@ pub(in crate::http) async fn respond(
 }
 
 async fn stored(app: &AppState, job: &Job, evaluation: u64) -> Result<MeshInfo> {
-    let mesh = app.store.mesh_info(&job.id, evaluation).await?;
+    let mesh = app
+        .store
+        .of(&job.tenant)
+        .mesh_info(&job.id, evaluation)
+        .await?;
     mesh.ok_or_else(|| ApiError::not_found("mesh"))
 }
 
@@ -244,7 +254,7 @@ async fn deliver(
     match download.respond(headers).await {
         Ok(response) => Ok(response),
         // The bytes are gone where the job was erased since it was found.
-        Err(error) => found(app.store.job(&job.id).await?).and(Err(error)),
+        Err(error) => found(app.store.of(&job.tenant).job(&job.id).await?).and(Err(error)),
     }
 }
 

@@ -2,9 +2,9 @@
 
 use bytes::Bytes;
 
-use super::row::{Columns, integer};
-use crate::jobs::store::Store;
+use super::row::{Columns, integer, of_tenant};
 use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::{Records, Store};
 use crate::jobs::{Claim, JobId, Result};
 
 /// A saved state of training.
@@ -58,18 +58,21 @@ impl Store {
         })
         .await
     }
+}
 
+impl Records<'_> {
     /// The last saved state of a job that has not ended.
-    pub async fn checkpoint(&self, id: &JobId) -> Result<Option<Checkpoint>> {
-        let row = sqlx::query("SELECT * FROM checkpoints WHERE job_id = ?1")
+    pub async fn checkpoint(self, id: &JobId) -> Result<Option<Checkpoint>> {
+        let row = sqlx::query(of_tenant!("SELECT * FROM checkpoints WHERE job_id = ?1"))
             .bind(id.as_str())
+            .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
             .await?;
         let Some(row) = row else {
             return Ok(None);
         };
         let columns = Columns::new("checkpoints", &row);
-        let data = self.inner.objects.whole(&columns.object()?).await?;
+        let data = self.objects().whole(&columns.object()?).await?;
         let Some(data) = data else {
             return Ok(None);
         };

@@ -2,20 +2,24 @@
 
 use sqlx::sqlite::SqliteRow;
 
+use super::audit::Act;
 use super::idempotency::Subject;
 use super::row::{Columns, integer, to_json};
-use crate::jobs::store::Store;
+use crate::identity::Caller;
 use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::{Acts, Records, Store};
 use crate::jobs::{Cloud, CloudDeletion, CloudId, NewCloud, Result};
 
-impl Store {
-    /// Writes the row of a cloud. If one with the same bytes exists, returns that and `false`.
-    pub async fn insert_cloud(&self, new: NewCloud) -> Result<(Cloud, bool)> {
-        self.write(move |tx| {
+impl Acts<'_> {
+    /// Writes the row of a cloud. If the tenant has one with the same bytes, returns that and `false`.
+    pub async fn insert_cloud(self, new: NewCloud) -> Result<(Cloud, bool)> {
+        let caller = self.caller.clone();
+        self.store.write(move |mut tx| {
             Box::pin(async move {
                 let inserted = sqlx::query(
-                    "INSERT INTO clouds (id, sha256, bytes, format, points, summary, created_at)
-                     VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7) ON CONFLICT (sha256) DO NOTHING",
+                    "INSERT INTO clouds (id, sha256, bytes, format, points, summary, created_at, tenant)
+                     VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)
+                     ON CONFLICT (tenant, sha256) DO NOTHING",
                 )
                 .bind(CloudId::new().as_str())
                 .bind(&new.sha256)
@@ -24,39 +28,63 @@ impl Store {
                 .bind(integer(new.summary.points))
                 .bind(to_json(&new.summary))
                 .bind(tx.now)
+                .bind(caller.tenant.as_str())
                 .execute(&mut *tx.db)
                 .await?;
-                let row = sqlx::query("SELECT * FROM clouds WHERE sha256 = ?1")
+                let row = sqlx::query("SELECT * FROM clouds WHERE sha256 = ?1 AND tenant = ?2")
                     .bind(&new.sha256)
+                    .bind(caller.tenant.as_str())
                     .fetch_one(&mut *tx.db)
                     .await?;
-                Ok((cloud_of(&row)?, inserted.rows_affected() == 1))
+                let (cloud, created) = (cloud_of(&row)?, inserted.rows_affected() == 1);
+                let act = if created { Act::CloudCreate } else { Act::CloudMatch };
+                tx.witness(&caller, act, cloud.id.as_str()).await?;
+                Ok((cloud, created))
             })
         })
         .await
     }
 
+    /// Erases a cloud's row unless a job that has not ended needs it, and leaves a tombstone. Jobs
+    /// that have ended keep its name and know that it is gone.
+    pub async fn delete_cloud(self, id: &CloudId) -> Result<CloudDeletion> {
+        let erased = self.store.erase(|| {
+            let (id, caller) = (id.clone(), self.caller.clone());
+            Box::new(move |mut tx| Box::pin(async move { tx.erase_cloud(&id, &caller).await }))
+        });
+        let deletion = erased.await?;
+        self.store.bury().await;
+        Ok(deletion)
+    }
+}
+
+impl Records<'_> {
     /// The cloud of the given name.
-    pub async fn cloud(&self, id: &CloudId) -> Result<Option<Cloud>> {
-        let row = sqlx::query("SELECT * FROM clouds WHERE id = ?1")
+    pub async fn cloud(self, id: &CloudId) -> Result<Option<Cloud>> {
+        let row = sqlx::query("SELECT * FROM clouds WHERE id = ?1 AND tenant = ?2")
             .bind(id.as_str())
+            .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
             .await?;
         row.as_ref().map(cloud_of).transpose()
     }
 
     /// The cloud with the given bytes.
-    pub async fn cloud_by_sha256(&self, sha256: &str) -> Result<Option<Cloud>> {
-        let row = sqlx::query("SELECT * FROM clouds WHERE sha256 = ?1")
+    pub async fn cloud_by_sha256(self, sha256: &str) -> Result<Option<Cloud>> {
+        let row = sqlx::query("SELECT * FROM clouds WHERE sha256 = ?1 AND tenant = ?2")
             .bind(sha256)
+            .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
             .await?;
         row.as_ref().map(cloud_of).transpose()
     }
 
     /// A page of clouds, newest first; `before` is the last one of the page before it.
-    pub async fn list_clouds(&self, before: Option<&CloudId>, limit: u32) -> Result<Vec<Cloud>> {
-        sqlx::query("SELECT * FROM clouds WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2")
+    pub async fn list_clouds(self, before: Option<&CloudId>, limit: u32) -> Result<Vec<Cloud>> {
+        let select = "SELECT * FROM clouds WHERE tenant = ?1 AND (?2 IS NULL OR id < ?2)
+                      ORDER BY id DESC LIMIT ?3";
+        sqlx::query(select)
+            .bind(self.tenant.as_str())
             .bind(before.map(CloudId::as_str))
             .bind(limit)
             .fetch_all(self.readers())
@@ -65,23 +93,23 @@ impl Store {
             .map(cloud_of)
             .collect()
     }
+}
 
-    /// Erases a cloud's row unless a job that has not ended needs it, and leaves a tombstone. Jobs
-    /// that have ended keep its name and know that it is gone.
-    pub async fn delete_cloud(&self, id: &CloudId) -> Result<CloudDeletion> {
-        let erased = self.erase(|| {
-            let id = id.clone();
-            Box::new(move |mut tx| Box::pin(async move { tx.erase_cloud(&id).await }))
-        });
-        let deletion = erased.await?;
-        self.bury().await;
-        Ok(deletion)
+impl Store {
+    /// Whether a cloud of any tenant has these bytes: their file is one for all, and goes with the
+    /// last of them.
+    pub async fn holds_sha256(&self, sha256: &str) -> Result<bool> {
+        let select = "SELECT EXISTS (SELECT 1 FROM clouds WHERE sha256 = ?1)";
+        Ok(sqlx::query_scalar(select)
+            .bind(sha256)
+            .fetch_one(self.readers())
+            .await?)
     }
 
-    /// The hashes of all clouds: a file with another name is an orphan.
+    /// The hashes of the clouds of all tenants: a file with another name is an orphan.
     pub async fn sha256s(&self) -> Result<Vec<String>> {
         Ok(
-            sqlx::query_scalar("SELECT sha256 FROM clouds ORDER BY sha256")
+            sqlx::query_scalar("SELECT DISTINCT sha256 FROM clouds ORDER BY sha256")
                 .fetch_all(self.readers())
                 .await?,
         )
@@ -89,19 +117,21 @@ impl Store {
 }
 
 impl Transaction<'_> {
-    async fn erase_cloud(&mut self, id: &CloudId) -> Result<CloudDeletion> {
+    async fn erase_cloud(&mut self, id: &CloudId, caller: &Caller) -> Result<CloudDeletion> {
         let in_use: bool = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM jobs
-             WHERE cloud_id = ?1 AND status IN ('queued', 'running'))",
+             WHERE cloud_id = ?1 AND tenant = ?2 AND status IN ('queued', 'running'))",
         )
         .bind(id.as_str())
+        .bind(caller.tenant.as_str())
         .fetch_one(&mut *self.db)
         .await?;
         if in_use {
             return Ok(CloudDeletion::InUse);
         }
-        let deleted = sqlx::query("DELETE FROM clouds WHERE id = ?1 RETURNING *")
+        let deleted = sqlx::query("DELETE FROM clouds WHERE id = ?1 AND tenant = ?2 RETURNING *")
             .bind(id.as_str())
+            .bind(caller.tenant.as_str())
             .fetch_optional(&mut *self.db)
             .await?;
         let Some(row) = deleted else {
@@ -112,7 +142,8 @@ impl Transaction<'_> {
             .execute(&mut *self.db)
             .await?;
         self.empty_answers(&Subject::Cloud(id.clone())).await?;
-        self.leave_tombstone(id.as_str()).await?;
+        self.leave_tombstone(&caller.tenant, id.as_str()).await?;
+        self.witness(caller, Act::CloudDelete, id.as_str()).await?;
         Ok(CloudDeletion::Deleted(cloud_of(&row)?))
     }
 }

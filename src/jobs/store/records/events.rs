@@ -3,15 +3,18 @@
 use sqlx::sqlite::SqliteRow;
 
 use super::row::{Columns, to_json};
-use crate::jobs::store::Store;
 use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::{Records, Store};
 use crate::jobs::{Event, EventKind, JobId, NewEvent, Result};
 
-impl Store {
+impl Records<'_> {
     /// Events of a job after the given id, oldest first.
-    pub async fn events_after(&self, id: &JobId, after: i64, limit: u32) -> Result<Vec<Event>> {
-        sqlx::query("SELECT * FROM events WHERE job_id = ?1 AND id > ?2 ORDER BY id LIMIT ?3")
+    pub async fn events_after(self, id: &JobId, after: i64, limit: u32) -> Result<Vec<Event>> {
+        let select = "SELECT * FROM events WHERE job_id = ?1 AND tenant = ?2 AND id > ?3
+                      ORDER BY id LIMIT ?4";
+        sqlx::query(select)
             .bind(id.as_str())
+            .bind(self.tenant.as_str())
             .bind(after)
             .bind(limit)
             .fetch_all(self.readers())
@@ -21,8 +24,34 @@ impl Store {
             .collect()
     }
 
-    /// Events of all jobs after the given place, oldest first.
-    pub async fn all_events_after(&self, seq: i64, limit: u32) -> Result<Vec<Event>> {
+    /// Events of all jobs of the tenant after the given place, oldest first.
+    pub async fn all_events_after(self, seq: i64, limit: u32) -> Result<Vec<Event>> {
+        let select = "SELECT * FROM events WHERE tenant = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
+        sqlx::query(select)
+            .bind(self.tenant.as_str())
+            .bind(seq)
+            .bind(limit)
+            .fetch_all(self.readers())
+            .await?
+            .iter()
+            .map(event_of)
+            .collect()
+    }
+
+    /// Place of the tenant's newest event that is here; 0 when there is none.
+    pub async fn last_seq(self) -> Result<i64> {
+        let select = "SELECT COALESCE(MAX(seq), 0) FROM events WHERE tenant = ?1";
+        Ok(sqlx::query_scalar(select)
+            .bind(self.tenant.as_str())
+            .fetch_one(self.readers())
+            .await?)
+    }
+}
+
+impl Store {
+    /// Events of all jobs of all tenants after the given place, oldest first: for the one reader that
+    /// hands them on to those whom they concern.
+    pub async fn events_of_all(&self, seq: i64, limit: u32) -> Result<Vec<Event>> {
         sqlx::query("SELECT * FROM events WHERE seq > ?1 ORDER BY seq LIMIT ?2")
             .bind(seq)
             .bind(limit)
@@ -33,8 +62,8 @@ impl Store {
             .collect()
     }
 
-    /// Place of the newest event that is here; 0 when there is none.
-    pub async fn last_seq(&self) -> Result<i64> {
+    /// Place of the newest event of all; 0 when there is none.
+    pub async fn last_seq_of_all(&self) -> Result<i64> {
         Ok(
             sqlx::query_scalar("SELECT COALESCE(MAX(seq), 0) FROM events")
                 .fetch_one(self.readers())
@@ -50,15 +79,15 @@ impl Transaction<'_> {
         id: &JobId,
         event: &NewEvent,
     ) -> Result<()> {
-        let (number, attempt): (i64, i64) = sqlx::query_as(
-            "UPDATE jobs SET events = events + 1 WHERE id = ?1 RETURNING events, attempt",
+        let (number, attempt, tenant): (i64, i64, String) = sqlx::query_as(
+            "UPDATE jobs SET events = events + 1 WHERE id = ?1 RETURNING events, attempt, tenant",
         )
         .bind(id.as_str())
         .fetch_one(&mut *self.db)
         .await?;
         sqlx::query(
-            "INSERT INTO events (job_id, id, event, time, attempt, data)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+            "INSERT INTO events (job_id, id, event, time, attempt, data, tenant)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
         )
         .bind(id.as_str())
         .bind(number)
@@ -66,6 +95,7 @@ impl Transaction<'_> {
         .bind(self.now)
         .bind(attempt)
         .bind(to_json(event))
+        .bind(tenant)
         .execute(&mut *self.db)
         .await?;
         Ok(())
@@ -76,6 +106,7 @@ fn event_of(row: &SqliteRow) -> Result<Event> {
     let columns = Columns::new("events", row);
     Ok(Event {
         seq: columns.get("seq")?,
+        tenant: columns.parsed("tenant")?,
         job_id: columns.parsed("job_id")?,
         id: columns.get("id")?,
         kind: columns.required(EventKind::from_name(columns.get("event")?), "event")?,

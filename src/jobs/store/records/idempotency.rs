@@ -6,8 +6,9 @@
 
 use super::row::{Columns, to_json};
 use super::tombstones;
-use crate::jobs::store::Store;
+use crate::identity::Tenant;
 use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::{Acts, Store};
 use crate::jobs::{CloudId, Error, Job, JobId, Result, Tombstone};
 
 /// Makes [`Store::submit`] keep its answer under a key that was begun.
@@ -66,73 +67,82 @@ impl Subject {
     }
 }
 
-impl Store {
+impl Acts<'_> {
     /// Begins a key for a request with the given hash, or tells what is known about it.
     pub async fn idempotency_begin(
-        &self,
+        self,
         key: &str,
         scope: &str,
         request_sha256: &str,
     ) -> Result<IdempotencyState> {
         let (key, scope) = (key.to_owned(), scope.to_owned());
-        let request_sha256 = request_sha256.to_owned();
-        self.write(move |tx| {
-            Box::pin(async move {
-                let begun = sqlx::query(
-                    "INSERT INTO idempotency (key, scope, request_sha256, created_at)
-                     VALUES (?1, ?2, ?3, ?4) ON CONFLICT (key, scope) DO NOTHING",
-                )
-                .bind(&key)
-                .bind(&scope)
-                .bind(&request_sha256)
-                .bind(tx.now)
-                .execute(&mut *tx.db)
-                .await?;
-                if begun.rows_affected() == 1 {
-                    return Ok(IdempotencyState::New);
-                }
-                let row = sqlx::query("SELECT * FROM idempotency WHERE key = ?1 AND scope = ?2")
+        let (request_sha256, tenant) = (request_sha256.to_owned(), self.caller.tenant.clone());
+        self.store
+            .write(move |tx| {
+                Box::pin(async move {
+                    let begun = sqlx::query(
+                        "INSERT INTO idempotency (key, scope, tenant, request_sha256, created_at)
+                     VALUES (?1, ?2, ?3, ?4, ?5) ON CONFLICT (tenant, key, scope) DO NOTHING",
+                    )
                     .bind(&key)
                     .bind(&scope)
-                    .fetch_one(&mut *tx.db)
+                    .bind(tenant.as_str())
+                    .bind(&request_sha256)
+                    .bind(tx.now)
+                    .execute(&mut *tx.db)
                     .await?;
-                let columns = Columns::new("idempotency", &row);
-                if columns.get::<String>("request_sha256")? != request_sha256 {
-                    return Ok(IdempotencyState::Mismatch);
-                }
-                if let Some(job) = columns.get::<Option<String>>("job_id")?
-                    && let Some(tombstone) = tombstones::find(&mut *tx.db, &job).await?
-                {
-                    return Ok(IdempotencyState::Gone(tombstone));
-                }
-                if let Some(cloud) = columns.get::<Option<String>>("cloud_id")?
-                    && let Some(tombstone) = tombstones::find(&mut *tx.db, &cloud).await?
-                {
-                    return Ok(IdempotencyState::CloudGone(tombstone));
-                }
-                let Some(status) = columns.get::<Option<i64>>("status")? else {
-                    return Ok(IdempotencyState::InFlight);
-                };
-                Ok(IdempotencyState::Replay(StoredResponse {
-                    status: u16::try_from(status)
-                        .map_err(Error::inconsistent("idempotency", "status"))?,
-                    headers: columns.json("headers")?,
-                    body: columns.get("body")?,
-                }))
+                    if begun.rows_affected() == 1 {
+                        return Ok(IdempotencyState::New);
+                    }
+                    let select = "SELECT * FROM idempotency
+                              WHERE key = ?1 AND scope = ?2 AND tenant = ?3";
+                    let row = sqlx::query(select)
+                        .bind(&key)
+                        .bind(&scope)
+                        .bind(tenant.as_str())
+                        .fetch_one(&mut *tx.db)
+                        .await?;
+                    let columns = Columns::new("idempotency", &row);
+                    if columns.get::<String>("request_sha256")? != request_sha256 {
+                        return Ok(IdempotencyState::Mismatch);
+                    }
+                    if let Some(job) = columns.get::<Option<String>>("job_id")?
+                        && let Some(tombstone) =
+                            tombstones::find(&mut *tx.db, &tenant, &job).await?
+                    {
+                        return Ok(IdempotencyState::Gone(tombstone));
+                    }
+                    if let Some(cloud) = columns.get::<Option<String>>("cloud_id")?
+                        && let Some(tombstone) =
+                            tombstones::find(&mut *tx.db, &tenant, &cloud).await?
+                    {
+                        return Ok(IdempotencyState::CloudGone(tombstone));
+                    }
+                    let Some(status) = columns.get::<Option<i64>>("status")? else {
+                        return Ok(IdempotencyState::InFlight);
+                    };
+                    Ok(IdempotencyState::Replay(StoredResponse {
+                        status: u16::try_from(status)
+                            .map_err(Error::inconsistent("idempotency", "status"))?,
+                        headers: columns.json("headers")?,
+                        body: columns.get("body")?,
+                    }))
+                })
             })
-        })
-        .await
+            .await
     }
 
     /// Whether a request with this key was answered; takes no lock and writes nothing.
-    pub async fn idempotency_answered(&self, key: &str, scope: &str) -> Result<bool> {
+    pub async fn idempotency_answered(self, key: &str, scope: &str) -> Result<bool> {
         Ok(sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM idempotency
-                            WHERE key = ?1 AND scope = ?2 AND status IS NOT NULL)",
+                            WHERE key = ?1 AND scope = ?2 AND tenant = ?3
+                              AND status IS NOT NULL)",
         )
         .bind(key)
         .bind(scope)
-        .fetch_one(self.readers())
+        .bind(self.caller.tenant.as_str())
+        .fetch_one(self.store.readers())
         .await?)
     }
 
@@ -142,37 +152,43 @@ impl Store {
     /// # Errors
     /// `Stale` if the key is not in flight.
     pub async fn idempotency_complete(
-        &self,
+        self,
         key: &str,
         scope: &str,
         subject: Option<Subject>,
         response: StoredResponse,
     ) -> Result<()> {
-        let (key, scope) = (key.to_owned(), scope.to_owned());
-        self.write(move |mut tx| {
-            Box::pin(async move { tx.complete(&key, &scope, subject, response).await })
-        })
-        .await
+        let begun = (self.caller.tenant.clone(), key.to_owned(), scope.to_owned());
+        self.store
+            .write(move |mut tx| {
+                Box::pin(async move { tx.complete(&begun, subject, response).await })
+            })
+            .await
     }
 
     /// Forgets a request that was begun and came to nothing, so that it can be tried again.
-    pub async fn idempotency_abandon(&self, key: &str, scope: &str) -> Result<()> {
-        let (key, scope) = (key.to_owned(), scope.to_owned());
-        self.write(move |tx| {
-            Box::pin(async move {
-                sqlx::query(
-                    "DELETE FROM idempotency WHERE key = ?1 AND scope = ?2 AND status IS NULL",
-                )
-                .bind(key)
-                .bind(scope)
-                .execute(tx.db)
-                .await?;
-                Ok(())
+    pub async fn idempotency_abandon(self, key: &str, scope: &str) -> Result<()> {
+        let (tenant, key, scope) = (self.caller.tenant.clone(), key.to_owned(), scope.to_owned());
+        self.store
+            .write(move |tx| {
+                Box::pin(async move {
+                    sqlx::query(
+                        "DELETE FROM idempotency
+                     WHERE key = ?1 AND scope = ?2 AND tenant = ?3 AND status IS NULL",
+                    )
+                    .bind(key)
+                    .bind(scope)
+                    .bind(tenant.as_str())
+                    .execute(tx.db)
+                    .await?;
+                    Ok(())
+                })
             })
-        })
-        .await
+            .await
     }
+}
 
+impl Store {
     /// Forgets all requests in flight, and tells how many: at a server's start they are those that
     /// died with the last one.
     pub async fn idempotency_abandon_all(&self) -> Result<u64> {
@@ -212,8 +228,8 @@ impl Transaction<'_> {
     ) -> Result<()> {
         let response = (asked.respond)(job);
         let subject = Some(Subject::Job(job.id.clone()));
-        self.complete(&asked.key, &asked.scope, subject, response)
-            .await
+        let begun = (job.tenant.clone(), asked.key, asked.scope);
+        self.complete(&begun, subject, response).await
     }
 
     /// Empties the answers that tell of what is erased. Their keys stay: a request that comes again
@@ -236,13 +252,12 @@ impl Transaction<'_> {
 
     async fn complete(
         &mut self,
-        key: &str,
-        scope: &str,
+        (tenant, key, scope): &(Tenant, String, String),
         subject: Option<Subject>,
         mut response: StoredResponse,
     ) -> Result<()> {
         if let Some(subject) = &subject
-            && tombstones::find(&mut *self.db, subject.id())
+            && tombstones::find(&mut *self.db, tenant, subject.id())
                 .await?
                 .is_some()
         {
@@ -257,7 +272,7 @@ impl Transaction<'_> {
         let completed = sqlx::query(
             "UPDATE idempotency SET status = ?3, headers = ?4, body = ?5, job_id = ?6,
                  cloud_id = ?7
-             WHERE key = ?1 AND scope = ?2 AND status IS NULL",
+             WHERE key = ?1 AND scope = ?2 AND tenant = ?8 AND status IS NULL",
         )
         .bind(key)
         .bind(scope)
@@ -266,6 +281,7 @@ impl Transaction<'_> {
         .bind(response.body.as_slice())
         .bind(job)
         .bind(cloud)
+        .bind(tenant.as_str())
         .execute(&mut *self.db)
         .await?;
         if completed.rows_affected() == 1 {

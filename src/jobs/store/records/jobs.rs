@@ -5,12 +5,14 @@ use std::collections::HashMap;
 use sqlx::sqlite::{Sqlite, SqliteRow};
 use sqlx::{Executor, Row};
 
+use super::audit::Act;
 use super::idempotency::{Idempotency, Subject};
 use super::outcome::{Fence, Outcome};
 use super::row::{Columns, to_json};
 use super::tombstones;
-use crate::jobs::store::Store;
+use crate::identity::{Caller, Tenant};
 use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::{Acts, Records, Store};
 use crate::jobs::{
     CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewEvent, NewJob, Result, Status,
     Verdict,
@@ -20,7 +22,7 @@ use crate::jobs::{
 macro_rules! list {
     ($condition:literal) => {
         concat!(
-            "SELECT * FROM jobs WHERE ",
+            "SELECT * FROM jobs WHERE tenant = ?9 AND ",
             $condition,
             " AND (?1 IS NULL OR id < ?1)
               AND (?2 IS NULL OR status = ?2)
@@ -33,58 +35,100 @@ macro_rules! list {
     };
 }
 
-impl Store {
+impl Acts<'_> {
     /// Puts a job into the queue, writes its `job.queued` event and, under the client's key, the
     /// answer; all in one transaction. An answer means that the job is on disk.
     ///
     /// # Errors
     /// `QueueFull`, `CloudMissing`.
-    pub async fn submit(&self, new: NewJob, idempotency: Option<Idempotency>) -> Result<Job> {
-        self.write(move |mut tx| {
-            Box::pin(async move {
-                let job = tx.insert_job(&new).await?;
-                if let Some(idempotency) = idempotency {
-                    tx.keep_answer(idempotency, &job).await?;
-                }
-                Ok(job)
+    pub async fn submit(self, new: NewJob, idempotency: Option<Idempotency>) -> Result<Job> {
+        let caller = self.caller.clone();
+        self.store
+            .write(move |mut tx| {
+                Box::pin(async move {
+                    let job = tx.insert_job(&new, &caller.tenant).await?;
+                    tx.witness(&caller, Act::JobCreate, job.id.as_str()).await?;
+                    if let Some(idempotency) = idempotency {
+                        tx.keep_answer(idempotency, &job).await?;
+                    }
+                    Ok(job)
+                })
             })
-        })
-        .await
+            .await
     }
 
+    /// Asks a job to end: a waiting one is cancelled at once, a running one is marked for its
+    /// worker, one that has ended stays as it is. The answer is the job afterwards.
+    pub async fn request_cancel(self, id: &JobId) -> Result<Lookup> {
+        let (id, caller) = (id.clone(), self.caller.clone());
+        self.store
+            .write(move |mut tx| Box::pin(async move { tx.request_cancel(&id, &caller).await }))
+            .await
+    }
+
+    /// Erases a job in whatever state, with everything that belongs to it, and leaves a tombstone;
+    /// a worker that runs it finds its claim lost. The answer is what was known before.
+    pub async fn delete_job(self, id: &JobId) -> Result<Lookup> {
+        let erased = self.store.erase(|| {
+            let (id, caller) = (id.clone(), self.caller.clone());
+            Box::new(move |mut tx| Box::pin(async move { tx.erase_job(&id, &caller).await }))
+        });
+        let erased = erased.await?;
+        self.store.bury().await;
+        Ok(erased)
+    }
+}
+
+impl Records<'_> {
     /// What is known about a job id.
-    pub async fn job(&self, id: &JobId) -> Result<Lookup> {
+    pub async fn job(self, id: &JobId) -> Result<Lookup> {
         // A job that is erased between the two reads has its tombstone: both are one transaction.
-        match find_job(self.readers(), id).await? {
+        match find_job(self.readers(), id, self.tenant).await? {
             Some(job) => Ok(Lookup::Found(Box::new(job))),
-            None => find_tombstone(self.readers(), id).await,
+            None => find_tombstone(self.readers(), id, self.tenant).await,
         }
     }
 
-    /// Place of a waiting job in the queue, 1 for the next one; none when it does not wait.
-    pub async fn queue_position(&self, id: &JobId) -> Result<Option<u64>> {
-        position(self.readers(), id).await
+    /// Place of a waiting job in the queue, which all tenants share, 1 for the next one; none when it
+    /// does not wait.
+    pub async fn queue_position(self, id: &JobId) -> Result<Option<u64>> {
+        let select = "SELECT EXISTS (SELECT 1 FROM jobs WHERE id = ?1 AND tenant = ?2)";
+        let own: bool = sqlx::query_scalar(select)
+            .bind(id.as_str())
+            .bind(self.tenant.as_str())
+            .fetch_one(self.readers())
+            .await?;
+        if own {
+            position(self.readers(), id).await
+        } else {
+            Ok(None)
+        }
     }
 
-    /// The places of all waiting jobs, for lists: counting for each of them would read the queue as often.
+    /// The places of the waiting jobs of the tenant, for lists: counting for each of them would read
+    /// the queue as often.
     ///
     /// # Errors
     /// As every read.
-    pub async fn queue_positions(&self) -> Result<HashMap<JobId, u64>> {
-        let rows =
-            sqlx::query("SELECT id FROM jobs WHERE status = 'queued' ORDER BY created_at, id")
-                .fetch_all(self.readers())
-                .await?;
-        let place = |(before, row): (u64, &SqliteRow)| -> Result<_> {
-            let id: JobId = Columns::new("jobs", row).parsed("id")?;
-            Ok((id, before + 1))
+    pub async fn queue_positions(self) -> Result<HashMap<JobId, u64>> {
+        let rows = sqlx::query(
+            "SELECT id, tenant FROM jobs WHERE status = 'queued' ORDER BY created_at, id",
+        )
+        .fetch_all(self.readers())
+        .await?;
+        let place = |(before, row): (u64, &SqliteRow)| -> Result<Option<_>> {
+            let columns = Columns::new("jobs", row);
+            let own = columns.get::<&str>("tenant")? == self.tenant.as_str();
+            let id: JobId = columns.parsed("id")?;
+            Ok(own.then_some((id, before + 1)))
         };
-        (0..).zip(&rows).map(place).collect()
+        let places = (0..).zip(&rows).map(place);
+        places.filter_map(Result::transpose).collect()
     }
 
     /// A page of jobs, newest first; `before` is the last one of the page before it.
     pub async fn list_jobs(
-        &self,
+        self,
         filter: &JobFilter,
         before: Option<&JobId>,
         limit: u32,
@@ -110,6 +154,7 @@ impl Store {
             .bind(value)
             .bind(limit)
             .bind(filter.verdict.map(Verdict::name))
+            .bind(self.tenant.as_str())
             .fetch_all(self.readers())
             .await?
             .iter()
@@ -117,53 +162,29 @@ impl Store {
             .collect()
     }
 
-    /// Asks a job to end: a waiting one is cancelled at once, a running one is marked for its
-    /// worker, one that has ended stays as it is. The answer is the job afterwards.
-    pub async fn request_cancel(&self, id: &JobId) -> Result<Lookup> {
-        let id = id.clone();
-        self.write(move |mut tx| {
-            Box::pin(async move {
-                let Some(job) = find_job(&mut *tx.db, &id).await? else {
-                    return find_tombstone(&mut *tx.db, &id).await;
-                };
-                if job.status.is_final() {
-                    return Ok(Lookup::Found(Box::new(job)));
-                }
-                sqlx::query("UPDATE jobs SET cancel_requested = 1 WHERE id = ?1")
-                    .bind(id.as_str())
-                    .execute(&mut *tx.db)
-                    .await?;
-                if job.status == Status::Queued {
-                    tx.leave(Fence::of(&job), Outcome::Cancelled).await?;
-                }
-                Ok(Lookup::Found(Box::new(tx.load_job(&id).await?)))
-            })
-        })
-        .await
+    /// Number of the tenant's jobs in each state.
+    pub async fn counts(self) -> Result<Counts> {
+        let select = "SELECT status, COUNT(*) AS jobs FROM jobs WHERE tenant = ?1 GROUP BY status";
+        let rows = sqlx::query(select).bind(self.tenant.as_str());
+        counts_of(&rows.fetch_all(self.readers()).await?)
     }
+}
 
-    /// Erases a job in whatever state, with everything that belongs to it, and leaves a tombstone;
-    /// a worker that runs it finds its claim lost. The answer is what was known before.
-    pub async fn delete_job(&self, id: &JobId) -> Result<Lookup> {
-        let erased = self.erase(|| {
-            let id = id.clone();
-            Box::new(move |mut tx| Box::pin(async move { tx.erase_job(&id).await }))
-        });
-        let erased = erased.await?;
-        self.bury().await;
-        Ok(erased)
-    }
-
-    /// Number of jobs in each state.
+impl Store {
+    /// Number of the jobs of all tenants in each state.
     pub async fn counts(&self) -> Result<Counts> {
-        sqlx::query("SELECT status, COUNT(*) AS jobs FROM jobs GROUP BY status")
+        let rows = sqlx::query("SELECT status, COUNT(*) AS jobs FROM jobs GROUP BY status");
+        counts_of(&rows.fetch_all(self.readers()).await?)
+    }
+
+    /// Running jobs of all tenants, newest first.
+    pub async fn running_jobs(&self, limit: u32) -> Result<Vec<Job>> {
+        sqlx::query("SELECT * FROM jobs WHERE status = 'running' ORDER BY id DESC LIMIT ?1")
+            .bind(limit)
             .fetch_all(self.readers())
             .await?
             .iter()
-            .map(|row| {
-                let columns = Columns::new("jobs", row);
-                Ok((status_of(columns)?, columns.count("jobs")?))
-            })
+            .map(job_of)
             .collect()
     }
 
@@ -178,9 +199,27 @@ impl Store {
 }
 
 impl Transaction<'_> {
-    async fn erase_job(&mut self, id: &JobId) -> Result<Lookup> {
-        let Some(job) = find_job(&mut *self.db, id).await? else {
-            return find_tombstone(&mut *self.db, id).await;
+    async fn request_cancel(&mut self, id: &JobId, caller: &Caller) -> Result<Lookup> {
+        let Some(job) = find_job(&mut *self.db, id, &caller.tenant).await? else {
+            return find_tombstone(&mut *self.db, id, &caller.tenant).await;
+        };
+        self.witness(caller, Act::JobCancel, id.as_str()).await?;
+        if job.status.is_final() {
+            return Ok(Lookup::Found(Box::new(job)));
+        }
+        sqlx::query("UPDATE jobs SET cancel_requested = 1 WHERE id = ?1")
+            .bind(id.as_str())
+            .execute(&mut *self.db)
+            .await?;
+        if job.status == Status::Queued {
+            self.leave(Fence::of(&job), Outcome::Cancelled).await?;
+        }
+        Ok(Lookup::Found(Box::new(self.load_job(id).await?)))
+    }
+
+    async fn erase_job(&mut self, id: &JobId, caller: &Caller) -> Result<Lookup> {
+        let Some(job) = find_job(&mut *self.db, id, &caller.tenant).await? else {
+            return find_tombstone(&mut *self.db, id, &caller.tenant).await;
         };
         // Foreign keys are enforced: if a table were missing here, the last statement would fail.
         for statement in [
@@ -201,13 +240,16 @@ impl Transaction<'_> {
                 .await?;
         }
         self.empty_answers(&Subject::Job(id.clone())).await?;
-        self.leave_tombstone(id.as_str()).await?;
+        self.leave_tombstone(&caller.tenant, id.as_str()).await?;
+        self.witness(caller, Act::JobDelete, id.as_str()).await?;
         Ok(Lookup::Found(Box::new(job)))
     }
 
-    async fn insert_job(&mut self, new: &NewJob) -> Result<Job> {
-        let cloud: Option<i64> = sqlx::query_scalar("SELECT 1 FROM clouds WHERE id = ?1")
+    async fn insert_job(&mut self, new: &NewJob, tenant: &Tenant) -> Result<Job> {
+        let select = "SELECT 1 FROM clouds WHERE id = ?1 AND tenant = ?2";
+        let cloud: Option<i64> = sqlx::query_scalar(select)
             .bind(new.cloud_id.as_str())
+            .bind(tenant.as_str())
             .fetch_optional(&mut *self.db)
             .await?;
         if cloud.is_none() {
@@ -223,8 +265,8 @@ impl Transaction<'_> {
         let id = JobId::new();
         sqlx::query(
             "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, derived_from,
-                 created_at, source)
-             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8)",
+                 created_at, source, tenant)
+             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
         )
         .bind(id.as_str())
         .bind(new.cloud_id.as_str())
@@ -234,6 +276,7 @@ impl Transaction<'_> {
         .bind(new.derived_from.as_ref().map(JobId::as_str))
         .bind(self.now)
         .bind(new.source.as_ref().map(to_json))
+        .bind(tenant.as_str())
         .execute(&mut *self.db)
         .await?;
         // Behind the waiting jobs, which were counted above.
@@ -255,13 +298,20 @@ impl Transaction<'_> {
 
     /// A job that is known to be here.
     pub(in crate::jobs::store) async fn load_job(&mut self, id: &JobId) -> Result<Job> {
-        find_job(&mut *self.db, id).await?.ok_or(Error::Stale)
+        let row = sqlx::query("SELECT * FROM jobs WHERE id = ?1").bind(id.as_str());
+        let row = row.fetch_optional(&mut *self.db).await?;
+        job_of(&row.ok_or(Error::Stale)?)
     }
 }
 
-async fn find_job<'e>(db: impl Executor<'e, Database = Sqlite>, id: &JobId) -> Result<Option<Job>> {
-    let row = sqlx::query("SELECT * FROM jobs WHERE id = ?1")
+async fn find_job<'e>(
+    db: impl Executor<'e, Database = Sqlite>,
+    id: &JobId,
+    tenant: &Tenant,
+) -> Result<Option<Job>> {
+    let row = sqlx::query("SELECT * FROM jobs WHERE id = ?1 AND tenant = ?2")
         .bind(id.as_str())
+        .bind(tenant.as_str())
         .fetch_optional(db)
         .await?;
     row.as_ref().map(job_of).transpose()
@@ -270,8 +320,9 @@ async fn find_job<'e>(db: impl Executor<'e, Database = Sqlite>, id: &JobId) -> R
 pub(in crate::jobs::store) async fn find_tombstone<'e>(
     db: impl Executor<'e, Database = Sqlite>,
     id: &JobId,
+    tenant: &Tenant,
 ) -> Result<Lookup> {
-    let tombstone = tombstones::find(db, id.as_str()).await?;
+    let tombstone = tombstones::find(db, tenant, id.as_str()).await?;
     Ok(tombstone.map_or(Lookup::Missing, Lookup::Gone))
 }
 
@@ -288,6 +339,14 @@ async fn position<'e>(db: impl Executor<'e, Database = Sqlite>, id: &JobId) -> R
     Ok((place > 0).then_some(place as u64))
 }
 
+fn counts_of(rows: &[SqliteRow]) -> Result<Counts> {
+    let count = |row: &SqliteRow| {
+        let columns = Columns::new("jobs", row);
+        Ok((status_of(columns)?, columns.count("jobs")?))
+    };
+    rows.iter().map(count).collect()
+}
+
 fn status_of(columns: Columns<'_>) -> Result<Status> {
     columns.required(Status::from_name(columns.get("status")?), "status")
 }
@@ -297,6 +356,7 @@ pub(in crate::jobs::store) fn job_of(row: &SqliteRow) -> Result<Job> {
     let columns = Columns::new("jobs", row);
     Ok(Job {
         id: columns.parsed("id")?,
+        tenant: columns.parsed("tenant")?,
         cloud_id: columns.parsed("cloud_id")?,
         cloud_erased: columns.get::<i64>("cloud_erased")? != 0,
         status: status_of(columns)?,

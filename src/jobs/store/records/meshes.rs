@@ -2,10 +2,10 @@
 
 use sqlx::sqlite::SqliteRow;
 
-use super::row::{Columns, integer};
-use crate::jobs::store::Store;
+use super::row::{Columns, integer, of_tenant};
 use crate::jobs::store::content::objects::Kept;
 use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::{Records, Store};
 use crate::jobs::{JobId, NewMesh, Result, Verdict};
 
 /// A mesh without its bytes.
@@ -29,46 +29,58 @@ pub struct MeshInfo {
     pub verdict: Option<Verdict>,
 }
 
-impl Store {
+impl Records<'_> {
     /// The snapshots of a job, in the order of their evaluations; without the result.
-    pub async fn snapshots(&self, id: &JobId) -> Result<Vec<MeshInfo>> {
-        sqlx::query("SELECT * FROM meshes WHERE job_id = ?1 AND evaluation > 0 ORDER BY evaluation")
-            .bind(id.as_str())
-            .fetch_all(self.readers())
-            .await?
-            .iter()
-            .map(mesh_of)
-            .collect()
+    pub async fn snapshots(self, id: &JobId) -> Result<Vec<MeshInfo>> {
+        sqlx::query(of_tenant!(
+            "SELECT * FROM meshes WHERE job_id = ?1 AND evaluation > 0",
+            "ORDER BY evaluation"
+        ))
+        .bind(id.as_str())
+        .bind(self.tenant.as_str())
+        .fetch_all(self.readers())
+        .await?
+        .iter()
+        .map(mesh_of)
+        .collect()
     }
 
     /// The mesh at an evaluation; 0 is the result.
-    pub async fn mesh_info(&self, id: &JobId, evaluation: u64) -> Result<Option<MeshInfo>> {
-        let row = sqlx::query("SELECT * FROM meshes WHERE job_id = ?1 AND evaluation = ?2")
-            .bind(id.as_str())
-            .bind(integer(evaluation))
-            .fetch_optional(self.readers())
-            .await?;
+    pub async fn mesh_info(self, id: &JobId, evaluation: u64) -> Result<Option<MeshInfo>> {
+        let row = sqlx::query(of_tenant!(
+            "SELECT * FROM meshes WHERE job_id = ?1 AND evaluation = ?3"
+        ))
+        .bind(id.as_str())
+        .bind(self.tenant.as_str())
+        .bind(integer(evaluation))
+        .fetch_optional(self.readers())
+        .await?;
         row.as_ref().map(mesh_of).transpose()
     }
+}
 
+impl Store {
     /// The bytes of a mesh from `position` · [`CHUNK_BYTES`](crate::jobs::store::CHUNK_BYTES) on, that many or
     /// to the end; none past the end, and none when the mesh was erased meanwhile.
     pub async fn mesh_chunk(&self, mesh: &MeshInfo, position: u64) -> Result<Option<Vec<u8>>> {
         let position = integer(position);
         self.inner.objects.chunk(&mesh.object, position).await
     }
+}
 
+impl Records<'_> {
     /// The trained network (safetensors) of a job that succeeded, and its hash.
-    pub async fn model(&self, id: &JobId) -> Result<Option<(Vec<u8>, String)>> {
-        let row = sqlx::query("SELECT * FROM models WHERE job_id = ?1")
+    pub async fn model(self, id: &JobId) -> Result<Option<(Vec<u8>, String)>> {
+        let row = sqlx::query(of_tenant!("SELECT * FROM models WHERE job_id = ?1"))
             .bind(id.as_str())
+            .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
             .await?;
         let Some(row) = row else {
             return Ok(None);
         };
         let columns = Columns::new("models", &row);
-        let data = self.inner.objects.whole(&columns.object()?).await?;
+        let data = self.objects().whole(&columns.object()?).await?;
         let sha256 = columns.get("sha256")?;
         Ok(data.map(|data| (data, sha256)))
     }

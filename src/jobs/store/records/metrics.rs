@@ -2,25 +2,26 @@
 
 use sqlx::sqlite::SqliteRow;
 
-use super::row::{Columns, integer, to_json};
-use crate::jobs::store::Store;
+use super::row::{Columns, integer, of_tenant, to_json};
+use crate::jobs::store::Records;
 use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{Error, JobId, Result};
 use crate::reconstruction::training::{GradientHistogram, Metrics};
 
-impl Store {
+impl Records<'_> {
     /// Accepted iterations after the given evaluation, in order.
     pub async fn metrics(
-        &self,
+        self,
         id: &JobId,
         after_evaluation: u64,
         limit: u32,
     ) -> Result<Vec<Metrics>> {
-        sqlx::query(
-            "SELECT * FROM metrics WHERE job_id = ?1 AND evaluation > ?2
-             ORDER BY evaluation LIMIT ?3",
-        )
+        sqlx::query(of_tenant!(
+            "SELECT * FROM metrics WHERE job_id = ?1 AND evaluation > ?3",
+            "ORDER BY evaluation LIMIT ?4"
+        ))
         .bind(id.as_str())
+        .bind(self.tenant.as_str())
         .bind(integer(after_evaluation))
         .bind(limit)
         .fetch_all(self.readers())
@@ -31,20 +32,24 @@ impl Store {
     }
 
     /// All gradient histograms of a job, in the order of their evaluations.
-    pub async fn gradients(&self, id: &JobId) -> Result<Vec<GradientHistogram>> {
-        sqlx::query("SELECT * FROM gradients WHERE job_id = ?1 ORDER BY evaluation")
-            .bind(id.as_str())
-            .fetch_all(self.readers())
-            .await?
-            .iter()
-            .map(|row| {
-                let columns = Columns::new("gradients", row);
-                Ok(GradientHistogram {
-                    evaluation: columns.count("evaluation")?,
-                    layers: columns.json("data")?,
-                })
+    pub async fn gradients(self, id: &JobId) -> Result<Vec<GradientHistogram>> {
+        sqlx::query(of_tenant!(
+            "SELECT * FROM gradients WHERE job_id = ?1",
+            "ORDER BY evaluation"
+        ))
+        .bind(id.as_str())
+        .bind(self.tenant.as_str())
+        .fetch_all(self.readers())
+        .await?
+        .iter()
+        .map(|row| {
+            let columns = Columns::new("gradients", row);
+            Ok(GradientHistogram {
+                evaluation: columns.count("evaluation")?,
+                layers: columns.json("data")?,
             })
-            .collect()
+        })
+        .collect()
     }
 }
 

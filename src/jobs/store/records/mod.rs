@@ -1,11 +1,13 @@
 //! The rows, one file a noun.
 
 pub(in crate::jobs::store) mod attempts;
+pub(in crate::jobs::store) mod audit;
 pub(in crate::jobs::store) mod checkpoints;
 pub(in crate::jobs::store) mod clouds;
 pub(in crate::jobs::store) mod events;
 pub(in crate::jobs::store) mod idempotency;
 pub(in crate::jobs::store) mod jobs;
+pub(in crate::jobs::store) mod keys;
 pub(in crate::jobs::store) mod leases;
 pub(in crate::jobs::store) mod meshes;
 pub(in crate::jobs::store) mod metrics;

@@ -9,6 +9,18 @@ use sqlx::{Decode, Row, Type};
 use crate::jobs::store::content::objects::Kept;
 use crate::jobs::{Error, Result};
 
+/// A statement about what belongs to the job `?1`, if that is the tenant's, `?2`.
+macro_rules! of_tenant {
+    ($condition:literal $(, $rest:literal)?) => {
+        concat!(
+            $condition,
+            " AND EXISTS (SELECT 1 FROM jobs WHERE jobs.id = ?1 AND jobs.tenant = ?2) ",
+            $($rest)?
+        )
+    };
+}
+pub(in crate::jobs::store) use of_tenant;
+
 /// A row of a known table.
 #[derive(Clone, Copy)]
 pub(in crate::jobs::store) struct Columns<'r> {

@@ -4,40 +4,50 @@ use sqlx::Executor;
 use sqlx::sqlite::Sqlite;
 
 use super::row::Columns;
-use crate::jobs::store::Store;
+use crate::identity::Tenant;
+use crate::jobs::store::Records;
 use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::{CloudId, Result, Tombstone};
 
 /// Why a client's wish erased it: the only reason there is so far.
 const DELETED: &str = "deleted";
 
-impl Store {
+impl Records<'_> {
     /// What stays of a cloud, if it was here and was erased.
-    pub async fn cloud_tombstone(&self, id: &CloudId) -> Result<Option<Tombstone>> {
-        find(self.readers(), id.as_str()).await
+    pub async fn cloud_tombstone(self, id: &CloudId) -> Result<Option<Tombstone>> {
+        find(self.readers(), self.tenant, id.as_str()).await
     }
 }
 
 impl Transaction<'_> {
     /// Leaves a tombstone for the job or the cloud of the given name.
-    pub(in crate::jobs::store) async fn leave_tombstone(&mut self, id: &str) -> Result<()> {
-        sqlx::query("INSERT INTO tombstones (id, deleted_at, reason) VALUES (?1, ?2, ?3)")
+    pub(in crate::jobs::store) async fn leave_tombstone(
+        &mut self,
+        tenant: &Tenant,
+        id: &str,
+    ) -> Result<()> {
+        let insert =
+            "INSERT INTO tombstones (id, deleted_at, reason, tenant) VALUES (?1, ?2, ?3, ?4)";
+        sqlx::query(insert)
             .bind(id)
             .bind(self.now)
             .bind(DELETED)
+            .bind(tenant.as_str())
             .execute(&mut *self.db)
             .await?;
         Ok(())
     }
 }
 
-/// The tombstone of the job or the cloud of the given name.
+/// The tombstone of the tenant's job or cloud of the given name.
 pub(in crate::jobs::store) async fn find<'e>(
     db: impl Executor<'e, Database = Sqlite>,
+    tenant: &Tenant,
     id: &str,
 ) -> Result<Option<Tombstone>> {
-    let row = sqlx::query("SELECT * FROM tombstones WHERE id = ?1")
+    let row = sqlx::query("SELECT * FROM tombstones WHERE id = ?1 AND tenant = ?2")
         .bind(id)
+        .bind(tenant.as_str())
         .fetch_optional(db)
         .await?;
     let tombstone = row.map(|row| {

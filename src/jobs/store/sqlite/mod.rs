@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
 /// Names and texts of the migrations, in their order.
 pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 9] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 10] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -84,6 +84,10 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 9] = [
     (
         "sources",
         include_str!("../../../../migrations/0009_sources.sql"),
+    ),
+    (
+        "tenants",
+        include_str!("../../../../migrations/0010_tenants.sql"),
     ),
 ];
 

@@ -1,0 +1,64 @@
+//! What a service does besides answering: it reads its keys again when it is told to, and looks after
+//! its audit trail.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use tokio::signal::unix::{SignalKind, signal};
+
+use super::Failure;
+use crate::config::Config;
+use crate::identity::Keyring;
+use crate::jobs::Store;
+
+/// How often the head of the audit trail is logged, and old rows are removed.
+const AUDIT_EVERY: Duration = Duration::from_hours(24);
+
+const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
+
+/// Takes the keys of the file over at each SIGHUP. A file with faults changes nothing.
+///
+/// # Errors
+/// When the signal cannot be caught.
+pub(super) fn reload_keys(file: PathBuf, keys: Keyring) -> Result<(), Failure> {
+    let mut signals = signal(SignalKind::hangup())
+        .map_err(|error| Failure::Output(format!("no signals: {error}")))?;
+    tokio::spawn(async move {
+        while signals.recv().await.is_some() {
+            let read = tokio::fs::read_to_string(&file).await;
+            let read = read.map_err(|error| error.to_string());
+            let new = read.and_then(|text| Keyring::of_file(&text).map_err(|e| e.to_string()));
+            let taken = new.and_then(|new| keys.replace(&new).map_err(|e| e.to_string()));
+            match taken {
+                Ok(()) => tracing::info!(keys = keys.all().len(), "the keys were read again"),
+                Err(error) => tracing::error!(
+                    file = %file.display(),
+                    error.message = error,
+                    "the keys stay as they were"
+                ),
+            }
+        }
+    });
+    Ok(())
+}
+
+/// Logs the head of the audit trail now and daily: a copy of the log shows later whether rows were cut
+/// off. Rows that are old enough are removed. Never ends.
+pub(super) async fn keep_audit(store: Store, config: Config) {
+    loop {
+        let before = store.now() - i64::from(config.audit_keep_days) * DAY_MS;
+        match store.audit_prune(before).await {
+            Ok(0) => {}
+            Ok(rows) => tracing::info!(rows, "old rows of the audit trail were removed"),
+            Err(error) => tracing::warn!(error.message = %error, "the audit trail was not pruned"),
+        }
+        match store.audit_head().await {
+            Ok(head) if head.seq > 0 => {
+                tracing::info!(head = format!("{}:{}", head.seq, head.hash), "audit trail");
+            }
+            Ok(_) => {}
+            Err(error) => tracing::warn!(error.message = %error, "the audit trail is not readable"),
+        }
+        tokio::time::sleep(AUDIT_EVERY).await;
+    }
+}

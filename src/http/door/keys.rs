@@ -1,0 +1,231 @@
+//! The key of a request: who sends it, and whether that may be done.
+//!
+//! Each operation has one [`Scope`] or is open ([`crate::http::operations`]). What is behind this
+//! layer gets a [`Caller`], and nothing belongs to nobody.
+
+use std::collections::HashMap;
+use std::hash::Hash;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use axum::extract::{FromRequestParts, MatchedPath, Request, State};
+use axum::http::header::{AUTHORIZATION, WWW_AUTHENTICATE};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderValue, Uri};
+use axum::middleware::Next;
+use axum::response::Response;
+
+use crate::http::AppState;
+use crate::http::door::places::Peer;
+use crate::http::wire::error::{ApiError, Code, Result};
+use crate::http::wire::extract::header;
+use crate::http::wire::request_id;
+use crate::identity::{Actor, Caller, Refusal, Scope, Secret};
+use crate::jobs::{Act, AuditOutcome};
+
+/// Names that a use is noted of at most once, in milliseconds.
+const PAUSE_MS: i64 = 60_000;
+
+/// Most names that are remembered. Beyond it strangers are not noted: they must not fill the disk.
+const MOST: usize = 4_096;
+
+/// When what is worth a row a minute had its last one.
+#[derive(Debug)]
+pub(in crate::http) struct Minutely<K>(Mutex<HashMap<K, i64>>);
+
+impl<K> Default for Minutely<K> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<K: Eq + Hash> Minutely<K> {
+    /// Whether it is time for a row again; if so, the next one is a minute away.
+    fn is_due(&self, name: K, now: i64) -> bool {
+        let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        // A clock that was set back must not silence anybody for longer than that.
+        let recent = |at: &i64| (0..PAUSE_MS).contains(&(now - at));
+        if last.get(&name).is_some_and(recent) {
+            return false;
+        }
+        if last.len() >= MOST {
+            last.retain(|_, at| recent(at));
+        }
+        let room = last.len() < MOST;
+        if room {
+            last.insert(name, now);
+        }
+        room
+    }
+}
+
+/// The layer of the operations that need this scope.
+pub(in crate::http) async fn admit(
+    State((app, scope)): State<(AppState, Scope)>,
+    mut request: Request,
+    next: Next,
+) -> Result<Response> {
+    let address = request.extensions().get::<Peer>().map(|peer| peer.0.ip());
+    let id = request_id::current().unwrap_or_default();
+    let operation = operation(&request);
+    let asking = |caller: Caller| caller.asking(address, &id);
+    let caller = if app.config.keys.is_empty() {
+        asking(Caller::anybody())
+    } else {
+        let given = key_in(request.headers(), request.uri());
+        let known = given.and_then(|secret| {
+            let found = app.config.keys.identify(&secret, address, app.store.now());
+            found.map_err(refused)
+        });
+        match known {
+            Ok(caller) => asking(caller),
+            Err(error) => {
+                let stranger = asking(Caller::stranger());
+                if app.strangers.is_due(address, app.store.now()) {
+                    note(&app, &stranger, Act::AuthFail, &operation).await;
+                }
+                return Err(error);
+            }
+        }
+    };
+    if !caller.may(scope) {
+        note(&app, &caller, Act::AuthDeny, &operation).await;
+        return Err(lacking(scope));
+    }
+    if let Actor::Key { id, .. } = &caller.actor
+        && app.uses.is_due(Arc::clone(id), app.store.now())
+    {
+        let (app, id) = (AppState::clone(&app), Arc::clone(id));
+        tokio::spawn(async move {
+            if let Err(error) = app.store.note_use(&id).await {
+                tracing::warn!(error.message = %error, "the use of a key was not noted");
+            }
+        });
+    }
+    request.extensions_mut().insert(caller);
+    Ok(next.run(request).await)
+}
+
+impl FromRequestParts<AppState> for Caller {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, _: &AppState) -> Result<Self> {
+        let caller = parts.extensions.get::<Self>().cloned();
+        caller.ok_or_else(|| ApiError::internal("an open operation asks who its caller is"))
+    }
+}
+
+/// The key that a request bears.
+///
+/// # Errors
+/// [`Code::Unauthenticated`] without one, [`Code::KeyInAddress`] for one in the address.
+fn key_in(headers: &HeaderMap, uri: &Uri) -> Result<Secret> {
+    let query = uri.query().unwrap_or_default();
+    if query
+        .split(['&', '='])
+        .any(|part| part.parse::<Secret>().is_ok())
+    {
+        let detail = "a key in an address is written into logs and histories on the way: take this \
+                      one out of use, and send the next one in the header Authorization";
+        return Err(ApiError::new(Code::KeyInAddress, detail));
+    }
+    let Some(given) = header(headers, &AUTHORIZATION)? else {
+        let detail = "send a key: Authorization: Bearer mw_…";
+        return Err(unauthenticated(detail, None));
+    };
+    let key = given
+        .split_once(' ')
+        .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
+    let Some((_, key)) = key else {
+        let detail = "the header Authorization must have the form Bearer mw_…";
+        return Err(unauthenticated(detail, Some("invalid_request")));
+    };
+    key.trim().parse().map_err(|fault| {
+        let detail = format!("what was sent as a key {fault}");
+        unauthenticated(&detail, Some("invalid_token"))
+    })
+}
+
+/// A key from a wrong address is as unknown as any: a thief must not learn that it is good.
+fn refused(refusal: Refusal) -> ApiError {
+    tracing::info!(reason = refusal.name(), "a key was refused");
+    let detail = match refusal {
+        Refusal::Expired => "the key has expired",
+        Refusal::Unknown | Refusal::Elsewhere => "the key is not known here",
+    };
+    unauthenticated(detail, Some("invalid_token"))
+}
+
+fn unauthenticated(detail: &str, error: Option<&str>) -> ApiError {
+    let error = error.map_or(String::new(), |error| format!(", error=\"{error}\""));
+    challenge(ApiError::new(Code::Unauthenticated, detail), &error)
+}
+
+fn lacking(scope: Scope) -> ApiError {
+    let detail = format!("the key does not have the scope {scope}, which this needs");
+    let error = format!(", error=\"insufficient_scope\", scope=\"{scope}\"");
+    challenge(ApiError::new(Code::Forbidden, detail), &error).with("scope", scope.name().into())
+}
+
+/// The problem with what RFC 6750 asks for.
+fn challenge(problem: ApiError, error: &str) -> ApiError {
+    match HeaderValue::try_from(format!("Bearer realm=\"meshway\"{error}")) {
+        Ok(value) => problem.with_header(WWW_AUTHENTICATE, value),
+        Err(_) => problem,
+    }
+}
+
+/// What is asked for, without the ids in it.
+fn operation(request: &Request) -> String {
+    let route = request.extensions().get::<MatchedPath>();
+    let route = route.map_or("unmatched", MatchedPath::as_str);
+    format!("{} {route}", request.method())
+}
+
+/// Notes a refusal. It is one whether or not it can be noted.
+async fn note(app: &AppState, caller: &Caller, act: Act, operation: &str) {
+    let acts = app.store.by(caller);
+    if let Err(error) = acts.note(act, operation, AuditOutcome::Refused).await {
+        tracing::warn!(act = act.name(), error.message = %error, "a refusal was not noted");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_due_once_a_minute_and_there_are_not_too_many() {
+        let names = Minutely::default();
+        assert!(names.is_due(0, 1_000_000));
+        assert!(!names.is_due(0, 1_059_999));
+        assert!(names.is_due(0, 1_060_000));
+        assert!(names.is_due(0, 0));
+        for name in 1..MOST {
+            assert!(names.is_due(name, 1));
+        }
+        assert!(!names.is_due(MOST, 2));
+        assert!(names.is_due(MOST, PAUSE_MS + 1));
+    }
+
+    #[test]
+    fn a_key_is_taken_from_the_header_alone() {
+        let secret = Secret::generate().unwrap();
+        let key_of = |value: &str, uri: String| {
+            let mut headers = HeaderMap::new();
+            headers.insert(AUTHORIZATION, value.parse().unwrap());
+            key_in(&headers, &uri.parse().unwrap()).map_err(|error| error.code())
+        };
+        let plain = || "/v1/jobs?limit=1".to_owned();
+        let bearer = format!("bearer {}", secret.reveal());
+        assert_eq!(key_of(&bearer, plain()), Ok(secret.clone()));
+        for wrong in [secret.reveal(), "Basic YTpi", "Bearer", "Bearer x"] {
+            assert_eq!(
+                key_of(wrong, plain()),
+                Err(Code::Unauthenticated),
+                "{wrong}"
+            );
+        }
+        let uri = format!("/v1/jobs?key={}", secret.reveal());
+        assert_eq!(key_of(&bearer, uri), Err(Code::KeyInAddress));
+    }
+}
