@@ -14,7 +14,7 @@ const ROWS: f64 = 16.0;
 pub(super) struct Bands {
     first: f64,
     height: f64,
-    bands: Vec<Vec<(usize, Edge)>>,
+    crossing: Vec<Vec<(usize, Edge)>>,
 }
 
 impl Bands {
@@ -35,16 +35,16 @@ impl Bands {
             return Self {
                 first: 0.0,
                 height: 1.0,
-                bands: Vec::new(),
+                crossing: Vec::new(),
             };
         }
         let height = (total / f64::from(count)).max(extent / MOST);
-        let mut bands = vec![Vec::new(); (extent / height) as usize + 1];
+        let mut crossing = vec![Vec::new(); (extent / height) as usize + 1];
         for (number, (a, b)) in edges {
             let [from, to] = [a[1].min(b[1]), a[1].max(b[1])];
             if from < to {
                 let [from, to] = [from, to].map(|y| ((y - first) / height) as usize);
-                for band in &mut bands[from..=to] {
+                for band in &mut crossing[from..=to] {
                     band.push((number, (a, b)));
                 }
             }
@@ -52,14 +52,14 @@ impl Bands {
         Self {
             first,
             height,
-            bands,
+            crossing,
         }
     }
 
     /// The edges that may cross a row.
     pub(super) fn at(&self, row: f64) -> &[(usize, Edge)] {
         let band = ((row - self.first) / self.height).floor();
-        let band = (band >= 0.0).then(|| self.bands.get(band as usize));
+        let band = (band >= 0.0).then(|| self.crossing.get(band as usize));
         band.flatten().map_or(&[], Vec::as_slice)
     }
 
@@ -79,7 +79,7 @@ impl Bands {
         let step = self.height / ROWS;
         let mut area = 0.0;
         let mut crossings = Vec::new();
-        for (i, band) in self.bands.iter().enumerate() {
+        for (i, band) in self.crossing.iter().enumerate() {
             for k in 0..ROWS as usize {
                 let y = self.first + i as f64 * self.height + (k as f64 + 0.5) * step;
                 let crossed = band.iter().filter(|(_, (a, b))| (a[1] > y) != (b[1] > y));
