@@ -120,6 +120,8 @@ fn results() -> Vec<Operation> {
         get("/v1/version", READ, system::version),
         get("/v1/keys", ADMIN, trust::keys),
         get("/v1/audit", AUDIT, trust::audit),
+        post("/v1/session", READ, trust::sign_in),
+        delete("/v1/session", OPEN, trust::sign_out),
         get("/livez", OPEN, system::livez),
         get("/readyz", OPEN, system::readyz),
         get("/metrics", ADMIN, system::metrics),

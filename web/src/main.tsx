@@ -9,7 +9,9 @@ import { ComparePage } from './pages/compare';
 import { JobPage } from './pages/job';
 import { JobsPage } from './pages/jobs';
 import { NewPage } from './pages/new';
+import { SignInPage, SignOut } from './pages/signin';
 import { SystemPage } from './pages/system';
+import { unknown } from './api/client';
 import { connect, connection } from './state/live';
 import { href, route, type PageName } from './state/route';
 import { theme, type Theme } from './state/theme';
@@ -82,12 +84,13 @@ function App() {
           ))}
         </nav>
         <Connection />
+        <SignOut />
         <Light />
       </header>
-      {connection.value === 'lost' && (
+      {connection.value === 'lost' && !unknown.value && (
         <p class="banner" role="alert">The connection to the service is lost. It is tried again every two seconds; what you see may be old.</p>
       )}
-      <main id="main" ref={main} tabIndex={-1}><Page key={`${page}/${id}`} /></main>
+      <main id="main" ref={main} tabIndex={-1}>{unknown.value ? <SignInPage /> : <Page key={`${page}/${id}`} />}</main>
       <Said />
       <Confirm />
       <DropAnywhere />

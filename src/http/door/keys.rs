@@ -8,7 +8,7 @@ use std::hash::Hash;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::extract::{FromRequestParts, MatchedPath, Request, State};
-use axum::http::header::{AUTHORIZATION, WWW_AUTHENTICATE};
+use axum::http::header::{AUTHORIZATION, COOKIE, WWW_AUTHENTICATE};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Uri};
 use axum::middleware::Next;
@@ -27,6 +27,9 @@ const PAUSE_MS: i64 = 60_000;
 
 /// Most names that are remembered. Beyond it strangers are not noted: they must not fill the disk.
 const MOST: usize = 4_096;
+
+/// The cookie that a browser keeps its key in, out of the reach of scripts.
+pub(in crate::http) const KEY_COOKIE: &str = "meshway-key";
 
 /// When what is worth a row a minute had its last one.
 #[derive(Debug)]
@@ -114,11 +117,12 @@ impl FromRequestParts<AppState> for Caller {
     }
 }
 
-/// The key that a request bears.
+/// The key that a request bears, in its header or else in its cookie. Browsers send the cookie for pages of this service
+/// alone.
 ///
 /// # Errors
 /// [`Code::Unauthenticated`] without one, [`Code::KeyInAddress`] for one in the address.
-fn key_in(headers: &HeaderMap, uri: &Uri) -> Result<Secret> {
+pub(in crate::http) fn key_in(headers: &HeaderMap, uri: &Uri) -> Result<Secret> {
     let query = uri.query().unwrap_or_default();
     if query
         .split(['&', '='])
@@ -128,21 +132,32 @@ fn key_in(headers: &HeaderMap, uri: &Uri) -> Result<Secret> {
                       one out of use, and send the next one in the header Authorization";
         return Err(ApiError::new(Code::KeyInAddress, detail));
     }
-    let Some(given) = header(headers, &AUTHORIZATION)? else {
-        let detail = "send a key: Authorization: Bearer mw_…";
-        return Err(unauthenticated(detail, None));
-    };
-    let key = given
-        .split_once(' ')
-        .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
-    let Some((_, key)) = key else {
-        let detail = "the header Authorization must have the form Bearer mw_…";
-        return Err(unauthenticated(detail, Some("invalid_request")));
+    let key = match header(headers, &AUTHORIZATION)? {
+        Some(given) => bearer(given)?,
+        None => cookie(headers)
+            .ok_or_else(|| unauthenticated("send a key: Authorization: Bearer mw_…", None))?,
     };
     key.trim().parse().map_err(|fault| {
         let detail = format!("what was sent as a key {fault}");
         unauthenticated(&detail, Some("invalid_token"))
     })
+}
+
+fn bearer(given: &str) -> Result<&str> {
+    let parts = given.split_once(' ');
+    let key = parts.filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
+    key.map(|(_, key)| key).ok_or_else(|| {
+        let detail = "the header Authorization must have the form Bearer mw_…";
+        unauthenticated(detail, Some("invalid_request"))
+    })
+}
+
+fn cookie(headers: &HeaderMap) -> Option<&str> {
+    let texts = headers.get_all(COOKIE).iter();
+    let mut pairs = texts
+        .filter_map(|text| text.to_str().ok())
+        .flat_map(|text| text.split(';'));
+    pairs.find_map(|pair| pair.trim().strip_prefix(KEY_COOKIE)?.strip_prefix('='))
 }
 
 /// A key from a wrong address is as unknown as any: a thief must not learn that it is good.
@@ -225,6 +240,17 @@ mod tests {
                 "{wrong}"
             );
         }
+        let in_cookie = |text: String| {
+            let mut headers = HeaderMap::new();
+            headers.insert(COOKIE, text.parse().unwrap());
+            key_in(&headers, &plain().parse().unwrap()).ok()
+        };
+        let kept = format!("a=b; {KEY_COOKIE}={}", secret.reveal());
+        assert_eq!(in_cookie(kept), Some(secret.clone()));
+        assert_eq!(
+            in_cookie(format!("x{KEY_COOKIE}={}", secret.reveal())),
+            None
+        );
         let uri = format!("/v1/jobs?key={}", secret.reveal());
         assert_eq!(key_of(&bearer, uri), Err(Code::KeyInAddress));
     }

@@ -2,13 +2,16 @@
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::Uri;
+use axum::http::header::{ORIGIN, SET_COOKIE};
+use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
 
+use crate::config::Config;
 use crate::http::AppState;
 use crate::http::api;
+use crate::http::door::keys::{KEY_COOKIE, key_in};
 use crate::http::wire::error::Result;
-use crate::http::wire::extract::{NoQuery, Query};
+use crate::http::wire::extract::{NoQuery, Query, header};
 use crate::http::wire::page::{Page, PageOf};
 use crate::identity::Caller;
 use crate::jobs::{Act, AuditOutcome};
@@ -44,4 +47,42 @@ pub(in crate::http) async fn audit(
     let found = records.audit(page.before, page.limit + 1).await?;
     let PageOf { items, next } = page.cut(found, |row| row.seq.to_string());
     Ok(next.answer(&uri, items.iter().map(api::AuditRow::from).collect()))
+}
+
+/// Seconds that a browser keeps a key: a working day.
+const SIGNED_IN: u32 = 12 * 60 * 60;
+
+/// `POST /v1/session`: the browser keeps the key of this request and sends it from then on.
+pub(in crate::http) async fn sign_in(
+    State(app): State<AppState>,
+    headers: HeaderMap,
+    uri: Uri,
+    _: NoQuery,
+) -> Result<Response> {
+    if app.config.keys.is_empty() {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let key = key_in(&headers, &uri)?;
+    let origin = header(&headers, &ORIGIN)?;
+    let cookie = cookie(&app.config, origin, key.reveal(), SIGNED_IN);
+    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, cookie)]).into_response())
+}
+
+/// `DELETE /v1/session`: the browser forgets its key.
+pub(in crate::http) async fn sign_out(
+    State(app): State<AppState>,
+    headers: HeaderMap,
+    _: NoQuery,
+) -> Result<Response> {
+    let origin = header(&headers, &ORIGIN)?;
+    let cookie = cookie(&app.config, origin, "", 0);
+    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, cookie)]).into_response())
+}
+
+/// A cookie that no script and no other site can use, and that goes over TLS alone where the page did.
+fn cookie(config: &Config, origin: Option<&str>, key: &str, seconds: u32) -> String {
+    let encrypted = config.tls_cert.is_some() || origin.is_some_and(|o| o.starts_with("https:"));
+    let secure = if encrypted { "; Secure" } else { "" };
+    let path = config.address("/");
+    format!("{KEY_COOKIE}={key}; Path={path}; Max-Age={seconds}; HttpOnly; SameSite=Strict{secure}")
 }

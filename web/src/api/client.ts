@@ -1,6 +1,10 @@
 // Requests to the service. Whatever goes wrong is a `Failure` with a sentence for people.
 
+import { signal } from '@preact/signals';
 import type { Problem } from './types';
+
+/** Whether the service asked who this is: it has keys, and this browser has none that it knows. */
+export const unknown = signal(false);
 
 /** An answer that is no success, or none at all. */
 export class Failure extends Error {
@@ -15,6 +19,7 @@ export class Failure extends Error {
 }
 
 function failure(status: number, body: string): Failure {
+  if (status === 401) unknown.value = true;
   try {
     const problem = JSON.parse(body) as Problem;
     const many = problem.errors.length > 1;

@@ -2,6 +2,7 @@
 // comes back by itself, and whoever listens is told to look again at what it may have missed.
 
 import { signal } from '@preact/signals';
+import { unknown } from '../api/client';
 
 export type Connection = 'connecting' | 'live' | 'lost';
 
@@ -34,6 +35,8 @@ export function onReturn(listener: () => void): () => void {
 }
 
 export function connect(): void {
+  // The page is loaded anew after signing in.
+  if (unknown.value) return;
   const source = new EventSource('/v1/events');
   source.onopen = () => {
     connection.value = 'live';
