@@ -11,7 +11,7 @@ import { fileURLToPath } from 'node:url';
 import { chromium } from 'playwright-core';
 
 export const root = dirname(dirname(dirname(fileURLToPath(import.meta.url))));
-const program = process.env.MESHWAY ?? join(root, 'target/release/meshway');
+export const program = process.env.MESHWAY ?? join(root, 'target/release/meshway');
 const axe = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8');
 
 /** Longest wait for anything, in milliseconds: a job of the fast preset on a slow machine. */
@@ -34,8 +34,8 @@ export function folder(t) {
 }
 
 /** Starts the service and waits until it says where it listens. */
-export async function serve(t, data, listen = '127.0.0.1:0') {
-  const flags = ['serve', '--listen', listen, '--data-dir', data, '--disk-reserve-mib', '1', '--disk-reserve-percent', '0'];
+export async function serve(t, data, listen = '127.0.0.1:0', more = []) {
+  const flags = ['serve', '--listen', listen, '--data-dir', data, '--disk-reserve-mib', '1', '--disk-reserve-percent', '0', ...more];
   const child = spawn(program, flags, { stdio: ['ignore', 'pipe', 'pipe'] });
   const ended = new Promise((resolve) => { child.once('exit', resolve); });
   let log = '';

@@ -13,6 +13,7 @@ mod jobs;
 mod lists;
 mod meshes;
 mod points;
+mod sessions;
 mod spaces;
 pub(crate) mod support;
 mod system;
