@@ -9,7 +9,7 @@ use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::{Bounds, Vec3};
 
 /// Most characters of a name.
-const LONGEST_NAME: usize = 64;
+pub(super) const LONGEST_NAME: usize = 64;
 
 /// What the parts of a file are called.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

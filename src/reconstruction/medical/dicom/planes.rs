@@ -1,5 +1,7 @@
 //! The planes that the contours of a region lie in, which need not be axial.
 
+use std::collections::HashSet;
+
 use super::contours::{Contour, Polygons};
 use super::structures::Left;
 use crate::reconstruction::vector::{Vec3, add, along, cross, dot, norm, normalized, scale, sub};
@@ -56,11 +58,14 @@ impl Planes {
             ..Self::default()
         };
         let mut first = f64::NEG_INFINITY;
+        // The contours of the plane, to the last bit: thousands of them are not compared one with another.
+        let mut seen: HashSet<Vec<[u64; 2]>> = HashSet::new();
         for (height, contour) in flat {
             if height - first > SAME_PLANE {
                 first = height;
                 planes.origins.push(scale(normal, height));
                 planes.polygons.push(Vec::new());
+                seen.clear();
             }
             let polygon: Vec<[f64; 2]> = contour
                 .points
@@ -70,10 +75,10 @@ impl Planes {
             let Some(plane) = planes.polygons.last_mut() else {
                 continue;
             };
-            if plane.contains(&polygon) {
-                left.repeated += 1;
-            } else {
+            if seen.insert(polygon.iter().map(|p| p.map(f64::to_bits)).collect()) {
                 plane.push(polygon);
+            } else {
+                left.repeated += 1;
             }
         }
         planes

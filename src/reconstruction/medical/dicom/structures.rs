@@ -108,8 +108,12 @@ pub(super) fn open<'a>(data_set: &DataSet<'_>) -> Result<Segmentation<'a>, Error
             voxels: None,
             contours: Some(region.polygons.iter().map(|plane| plane.len() as u64).sum()),
             slices: region.polygons.len() as u64,
-            volume_mm3: region.polygons.iter().map(|plane| area(plane)).sum::<f64>()
-                * region.distance(),
+            // A sum of nothing would be -0.
+            volume_mm3: region.distance()
+                * region
+                    .polygons
+                    .iter()
+                    .fold(0.0, |sum, plane| sum + area(plane)),
         });
         planes.push(region);
     }
