@@ -8,11 +8,13 @@ mod size;
 mod subset;
 mod summary;
 
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::Arc;
 use std::time::Duration;
 
+use rustix::process::Signal;
 use tokio::process::Command;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
@@ -50,6 +52,10 @@ const MEMORY_PER_BYTE_OF_SLICES: u64 = 8;
 /// Longest time that a child may read: some 20 times what 512 MiB of text take.
 const CHILD_TIMEOUT: Duration = Duration::from_mins(5);
 
+/// Signals that end a child which needs too much memory.
+const SIGABRT: i32 = Signal::ABORT.as_raw();
+const SIGKILL: i32 = Signal::KILL.as_raw();
+
 /// Why a file is not taken.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -68,7 +74,9 @@ pub enum Error {
     #[error("the file cannot be read within {} seconds", CHILD_TIMEOUT.as_secs())]
     TooSlow,
     /// Reading took too much memory.
-    #[error("the file needs more memory to be read than there is")]
+    #[error(
+        "the file needs more memory to be read than there is for one of its size; unpack it, or send a part of it"
+    )]
     OutOfMemory,
     /// It could not be read for a reason of ours.
     #[error("{0}")]
@@ -213,12 +221,17 @@ impl Reader {
             .await
             .map_err(|_| Error::TooSlow)?
             .map_err(Error::failed)?;
-        if output.status.code().is_none() {
-            // Ended by a signal: an allocation that was refused aborts, and the kernel kills.
-            tracing::warn!(child.status = %output.status, "a file could not be read for want of memory");
-            return Err(Error::OutOfMemory);
+        match output.status.signal() {
+            None => Ok(output.stdout),
+            // An allocation that was refused aborts, and the kernel kills.
+            Some(SIGABRT | SIGKILL) => {
+                tracing::warn!(child.status = %output.status, "a file could not be read for want of memory");
+                Err(Error::OutOfMemory)
+            }
+            Some(signal) => Err(Error::failed(format!(
+                "signal {signal} ended the reader of a file"
+            ))),
         }
-        Ok(output.stdout)
     }
 }
 

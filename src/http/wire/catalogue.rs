@@ -54,7 +54,7 @@ catalogue! {
     PreconditionFailed "precondition_failed" 412 false "It is not the version that is asked for.";
     BodyTooLarge "body_too_large" 413 false "The body is larger than allowed.";
     TooManyPoints "too_many_points" 413 false "The cloud has more points than allowed.";
-    ReadingTooLarge "reading_too_large" 413 false "The file needs more memory to be read than there is.";
+    CloudNeedsMemory "cloud_needs_memory" 413 false "Reading the file needs more memory than there is.";
     UnsupportedFormat "unsupported_format" 415 false "The format is not supported.";
     UnsupportedEncoding "unsupported_encoding" 415 false "The encoding is not supported or damaged.";
     RangeNotSatisfiable "range_not_satisfiable" 416 false "The range lies outside of the content.";

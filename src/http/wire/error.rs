@@ -231,7 +231,7 @@ impl From<intake::Error> for ApiError {
             intake::Error::Cloud(error) => Code::from_name(error.code()),
             intake::Error::Refused { code, .. } => Code::from_name(code),
             intake::Error::TooSlow => Code::BodyTooLarge,
-            intake::Error::OutOfMemory => Code::ReadingTooLarge,
+            intake::Error::OutOfMemory => Code::CloudNeedsMemory,
             intake::Error::Failed(error) => return Self::internal(error),
         };
         Self::new(code, error.to_string())

@@ -11,6 +11,9 @@ use crate::reconstruction::cloud::Error;
 /// Most items that a message lists.
 const LISTED: usize = 8;
 
+/// Most characters of a message for the list of items.
+const ROOM: usize = 200;
+
 /// A part of a file, named as the user knows it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -125,8 +128,21 @@ impl Parts {
             Kind::Segments => "segments",
             Kind::Rois => "ROIs",
         };
-        let first: Vec<_> = self.items.iter().take(LISTED).map(one).collect();
-        let more = match self.items.len().saturating_sub(LISTED) {
+        // Names are shown whole, and as many of them as a message has room for.
+        let mut room = ROOM;
+        let fits = |text: &String| {
+            let fits = text.chars().count() <= room;
+            room = room.saturating_sub(text.chars().count() + 2);
+            fits
+        };
+        let first: Vec<_> = self
+            .items
+            .iter()
+            .take(LISTED)
+            .map(one)
+            .take_while(fits)
+            .collect();
+        let more = match self.items.len().saturating_sub(first.len()) {
             0 => String::new(),
             more => format!(" and {more} more"),
         };
@@ -134,7 +150,7 @@ impl Parts {
     }
 }
 
-/// A name as a message shows it: whole as a file brings it, but it may be anything that somebody asked for.
+/// A name as a message shows it: it may be anything. Those of a file are shown whole, as they are to be chosen by.
 fn shown(name: &str) -> String {
     let mut clean = name.chars().filter(|c| !c.is_control());
     let mut shown: String = clean.by_ref().take(LONGEST_NAME).collect();
@@ -178,20 +194,24 @@ mod tests {
     }
 
     #[test]
-    fn names_are_shown_whole() {
+    fn names_are_listed_whole_and_as_many_as_there_is_room_for() {
         let mut parts = parts();
-        let names = ["Left ventricle and septum", "Left ventricle and valve"];
-        for (item, name) in parts.items.iter_mut().zip(names) {
-            item.name = Some(name.to_owned());
-        }
+        let long = "Left lung, lower lobe, segment VI";
+        parts.items[1].name = Some(long.to_owned());
         let message = parts.choose(None).unwrap_err().to_string();
-        assert!(names.iter().all(|name| message.contains(name)), "{message}");
-        let long = Choice::Roi("a".repeat(100));
-        let message = parts.choose(Some(&long)).unwrap_err().to_string();
+        assert!(message.contains(&format!("2 ({long})")), "{message}");
+        for item in &mut parts.items {
+            item.name = Some("x".repeat(LONGEST_NAME));
+        }
+        parts.items.extend(parts.items.clone());
+        let message = parts.choose(None).unwrap_err().to_string();
         assert!(
-            message.contains(&format!("{}…;", "a".repeat(64))),
+            message.contains("and 4 more") && message.len() < 300,
             "{message}"
         );
+        let unknown = Choice::Roi("y".repeat(1000));
+        let message = parts.choose(Some(&unknown)).unwrap_err().to_string();
+        assert!(message.contains("y…;"), "{message}");
     }
 
     #[test]

@@ -86,7 +86,8 @@ pub(in crate::reconstruction) fn read<'a>(
     reading: &Reading,
 ) -> Result<Segmentation<'a>, Error> {
     let (keys, data) = Header::of(bytes)?;
-    if keys.get(&["ElementDataFile"]) != Some("LOCAL") {
+    let data_file = keys.get(&["ElementDataFile"]).unwrap_or_default();
+    if !data_file.eq_ignore_ascii_case("LOCAL") {
         return Err(Error::UnsupportedFormat(
             "the data lie in another file; save both as one .mha".to_owned(),
         ));

@@ -10,6 +10,9 @@ pub(super) const MOST_LABELS: usize = 2048;
 /// How far a value may be from a whole number, as scaling rounds.
 const WHOLE: f64 = 1e-4;
 
+/// Share of a voxel from which on it counts as the label's.
+const HALF: f64 = 0.5;
+
 /// What is known of a label.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Count {
@@ -25,8 +28,10 @@ pub(super) struct Tally {
     /// The value before, and how often it was there: neighbours are mostly alike.
     run: Option<(f64, u64)>,
     slice: usize,
-    /// Values that are not whole, but between 0 and 1.
+    /// Voxels that a label fills to one half or more, and not wholly.
     shares: Count,
+    /// Whether there are values that are not whole, but between 0 and 1.
+    are_shares: bool,
     pub(super) not_finite: u64,
 }
 
@@ -72,7 +77,11 @@ impl Tally {
                 add(self.counts.entry(label).or_default());
             }
         } else if (0.0..=1.0).contains(&value) {
-            add(&mut self.shares);
+            self.are_shares = true;
+            // The surface is laid where a voxel is half full.
+            if value >= HALF {
+                add(&mut self.shares);
+            }
         } else {
             return Err(image(&format!("a voxel has the value {value:.4}")));
         }
@@ -91,10 +100,11 @@ impl Tally {
     pub(super) fn finish(self) -> Result<(Vec<(i64, Count)>, bool), Error> {
         let mut counts: Vec<_> = self.counts.into_iter().collect();
         counts.sort_unstable_by_key(|&(label, _)| label);
-        if self.shares.voxels == 0 {
+        if !self.are_shares {
             return Ok((counts, false));
         }
         match counts[..] {
+            [] if self.shares.voxels == 0 => Ok((Vec::new(), true)),
             [] => Ok((vec![(1, self.shares)], true)),
             [(1, whole)] => {
                 let both = Count {
@@ -150,5 +160,19 @@ mod tests {
         let mut tally = Tally::default();
         tally.slice(0, [0.0, 0.5, 1.0].into_iter()).unwrap();
         assert!(tally.finish().unwrap().1);
+    }
+
+    #[test]
+    fn of_shares_those_of_one_half_count() {
+        let mut tally = Tally::default();
+        tally.slice(0, [0.1, 0.4, 0.25].into_iter()).unwrap();
+        tally.slice(1, [0.5, 0.75, 0.1, 1.0].into_iter()).unwrap();
+        let (counts, shares) = tally.finish().unwrap();
+        assert!(shares);
+        assert_eq!(counts.len(), 1);
+        assert_eq!((counts[0].1.voxels, counts[0].1.slices), (3, 1));
+        let mut tally = Tally::default();
+        tally.slice(0, [0.1, 0.4].into_iter()).unwrap();
+        assert_eq!(tally.finish().unwrap(), (Vec::new(), true));
     }
 }

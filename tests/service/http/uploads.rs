@@ -262,6 +262,6 @@ async fn a_file_that_needs_too_much_memory_is_refused() {
         ..service
     };
     let refused = service.send(upload_request(points)).await;
-    let problem = refused.expect_problem(413, "too_many_points");
+    let problem = refused.expect_problem(413, "cloud_needs_memory");
     assert!(problem["detail"].as_str().unwrap().contains("memory"));
 }

@@ -827,7 +827,7 @@ export interface components {
             hash: string;
         };
         /** @enum {string} */
-        ProblemCode: "malformed_request" | "malformed_json" | "malformed_multipart" | "bad_header" | "bad_cursor" | "key_in_address" | "body_broken_off" | "unauthenticated" | "forbidden" | "cross_origin_refused" | "not_found" | "method_not_allowed" | "not_acceptable" | "upload_timeout" | "result_not_ready" | "model_unreadable" | "cloud_in_use" | "idempotency_in_flight" | "gone" | "precondition_failed" | "body_too_large" | "too_many_points" | "reading_too_large" | "unsupported_format" | "unsupported_encoding" | "range_not_satisfiable" | "host_not_allowed" | "request_invalid" | "idempotency_mismatch" | "cloud_missing" | "cloud_empty" | "cloud_too_few_points" | "cloud_degenerate" | "cloud_filled" | "slices_unusable" | "cloud_not_finite" | "cloud_too_large" | "cloud_truncated" | "cloud_header" | "cloud_row" | "cloud_no_coordinates" | "orientation_missing" | "source_missing" | "source_unknown" | "normals_invalid" | "settings_invalid" | "settings_conflict" | "grid_too_large" | "training_too_large" | "rate_limited" | "quota" | "head_too_large" | "internal" | "queue_full" | "draining" | "not_ready" | "database_busy" | "insufficient_storage" | "training_diverged" | "no_surface" | "mesh_too_large" | "out_of_memory" | "time_limit" | "worker_crashed";
+        ProblemCode: "malformed_request" | "malformed_json" | "malformed_multipart" | "bad_header" | "bad_cursor" | "key_in_address" | "body_broken_off" | "unauthenticated" | "forbidden" | "cross_origin_refused" | "not_found" | "method_not_allowed" | "not_acceptable" | "upload_timeout" | "result_not_ready" | "model_unreadable" | "cloud_in_use" | "idempotency_in_flight" | "gone" | "precondition_failed" | "body_too_large" | "too_many_points" | "cloud_needs_memory" | "unsupported_format" | "unsupported_encoding" | "range_not_satisfiable" | "host_not_allowed" | "request_invalid" | "idempotency_mismatch" | "cloud_missing" | "cloud_empty" | "cloud_too_few_points" | "cloud_degenerate" | "cloud_filled" | "slices_unusable" | "cloud_not_finite" | "cloud_too_large" | "cloud_truncated" | "cloud_header" | "cloud_row" | "cloud_no_coordinates" | "orientation_missing" | "source_missing" | "source_unknown" | "normals_invalid" | "settings_invalid" | "settings_conflict" | "grid_too_large" | "training_too_large" | "rate_limited" | "quota" | "head_too_large" | "internal" | "queue_full" | "draining" | "not_ready" | "database_busy" | "insufficient_storage" | "training_diverged" | "no_surface" | "mesh_too_large" | "out_of_memory" | "time_limit" | "worker_crashed";
         Cloud: {
             id: components["schemas"]["CloudId"];
             sha256: components["schemas"]["Sha256"];
@@ -1934,7 +1934,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description `body_too_large`, `too_many_points`, `reading_too_large`. */
+        /** @description `body_too_large`, `too_many_points`, `cloud_needs_memory`. */
         TooLarge: {
             headers: {
                 [name: string]: unknown;

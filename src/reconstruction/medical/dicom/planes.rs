@@ -1,11 +1,9 @@
 //! The planes that the contours of a region lie in, which need not be axial.
 
 use std::collections::HashSet;
-use std::hash::{DefaultHasher, Hash, Hasher};
 
 use super::contours::{Contour, Polygons};
 use super::structures::Left;
-use crate::reconstruction::slices::area;
 use crate::reconstruction::vector::{Vec3, add, along, cross, dot, norm, normalized, scale, sub};
 
 /// Contours closer than this, in millimetres along the normal, lie in one plane.
@@ -60,7 +58,8 @@ impl Planes {
             ..Self::default()
         };
         let mut first = f64::NEG_INFINITY;
-        let mut seen = HashSet::new();
+        // The contours of the plane, to the last bit: thousands of them are not compared one with another.
+        let mut seen: HashSet<Vec<[u64; 2]>> = HashSet::new();
         for (height, contour) in flat {
             if height - first > SAME_PLANE {
                 first = height;
@@ -76,24 +75,17 @@ impl Planes {
             let Some(plane) = planes.polygons.last_mut() else {
                 continue;
             };
-            // Only those that look the same are compared: a plane may have very many.
-            if !seen.insert(look(&polygon)) && plane.contains(&polygon) {
-                left.repeated += 1;
-            } else {
+            if seen.insert(polygon.iter().map(|p| p.map(f64::to_bits)).collect()) {
                 plane.push(polygon);
+            } else {
+                left.repeated += 1;
             }
         }
         planes
     }
 
-    /// What the contours enclose, over the distance of their planes, in cubic millimetres; 0 without contours.
-    pub(super) fn volume(&self) -> f64 {
-        let areas = self.polygons.iter().map(|plane| area(plane));
-        areas.fold(0.0, |sum, area| sum + area) * self.distance()
-    }
-
     /// Distance of neighbouring planes, the median; of a single one a millimetre.
-    fn distance(&self) -> f64 {
+    pub(super) fn distance(&self) -> f64 {
         let gaps = self
             .origins
             .windows(2)
@@ -102,16 +94,6 @@ impl Planes {
         gaps.sort_by(f64::total_cmp);
         gaps.get(gaps.len() / 2).copied().unwrap_or(1.0)
     }
-}
-
-/// A number that equal contours have in common, and hardly any others.
-fn look(polygon: &[[f64; 2]]) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    for v in polygon.iter().flatten() {
-        // Either zero is the same place.
-        (v + 0.0).to_bits().hash(&mut hasher);
-    }
-    hasher.finish()
 }
 
 /// The normal that the largest contours have in common; `None` without one.

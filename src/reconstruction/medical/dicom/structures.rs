@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::contours::Contour;
+use super::contours::{Contour, area};
 use super::element::DataSet;
 use super::planes::Planes;
 use super::tags;
@@ -108,7 +108,12 @@ pub(super) fn open<'a>(data_set: &DataSet<'_>) -> Result<Segmentation<'a>, Error
             voxels: None,
             contours: Some(region.polygons.iter().map(|plane| plane.len() as u64).sum()),
             slices: region.polygons.len() as u64,
-            volume_mm3: region.volume(),
+            // A sum of nothing would be -0.
+            volume_mm3: region.distance()
+                * region
+                    .polygons
+                    .iter()
+                    .fold(0.0, |sum, plane| sum + area(plane)),
         });
         planes.push(region);
     }

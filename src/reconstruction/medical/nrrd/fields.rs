@@ -8,9 +8,13 @@ use crate::reconstruction::medical::affine::header;
 /// Longest header; those of segmentations grow with the number of segments.
 const LONGEST: usize = 8 << 20;
 
-/// What a header says, by the names of fields and keys.
+/// What a header says. Fields are spelled in small letters without blanks, for programs write `byte skip`,
+/// `byteskip` and `Byte Skip`; keys stay as they are.
 #[derive(Debug, Default)]
-pub(super) struct Fields<'a>(HashMap<&'a str, &'a str>);
+pub(super) struct Fields<'a> {
+    fields: HashMap<String, &'a str>,
+    keys: HashMap<&'a str, &'a str>,
+}
 
 impl<'a> Fields<'a> {
     /// The header, and what comes behind it.
@@ -19,6 +23,7 @@ impl<'a> Fields<'a> {
     /// [`Error::Header`] without an end, [`Error::UnsupportedFormat`] for data in other files.
     pub(super) fn of(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Error> {
         let mut fields = HashMap::new();
+        let mut keys = HashMap::new();
         let mut rest = bytes;
         loop {
             let end = rest.iter().take(LONGEST).position(|&b| b == b'\n');
@@ -37,21 +42,32 @@ impl<'a> Fields<'a> {
                 continue;
             }
             if let Some((key, value)) = line.split_once(":=") {
-                fields.insert(key.trim(), value.trim());
+                keys.insert(key.trim(), value.trim());
             } else if let Some((field, value)) = line.split_once(": ").or(line.split_once(':')) {
-                fields.insert(field.trim(), value.trim());
+                fields.insert(spelled(field), value.trim());
             }
         }
-        if fields.contains_key("data file") || fields.contains_key("datafile") {
+        if fields.contains_key("datafile") {
             return Err(Error::UnsupportedFormat(
                 "the data lie in another file; save both as one .nrrd".to_owned(),
             ));
         }
-        Ok((Self(fields), rest))
+        Ok((Self { fields, keys }, rest))
     }
 
+    /// The value of a field.
     pub(super) fn get(&self, name: &str) -> Option<&'a str> {
-        self.0.get(name).copied()
+        self.fields.get(&spelled(name)).copied()
+    }
+
+    /// The value of a field that is one of a few words, in small letters.
+    pub(super) fn word(&self, name: &str) -> Option<String> {
+        self.get(name).map(str::to_ascii_lowercase)
+    }
+
+    /// The value of a key.
+    pub(super) fn key(&self, name: &str) -> Option<&'a str> {
+        self.keys.get(name).copied()
     }
 
     pub(super) fn needed(&self, name: &str) -> Result<&'a str, Error> {
@@ -60,8 +76,13 @@ impl<'a> Fields<'a> {
     }
 
     pub(super) fn keys(&self) -> impl Iterator<Item = &'a str> + '_ {
-        self.0.keys().copied()
+        self.keys.keys().copied()
     }
+}
+
+fn spelled(field: &str) -> String {
+    let letters = field.chars().filter(|c| !c.is_whitespace());
+    letters.map(|c| c.to_ascii_lowercase()).collect()
 }
 
 /// Vectors in brackets, or `none`; `None` for anything else.
@@ -103,8 +124,18 @@ mod tests {
         let (fields, rest) =
             Fields::of(b"NRRD0004\r\ntype: short\r\nA_b:=c: d\r\n\r\nxyz").unwrap();
         assert_eq!(fields.get("type"), Some("short"));
-        assert_eq!(fields.get("A_b"), Some("c: d"));
+        assert_eq!(fields.key("A_b"), Some("c: d"));
         assert_eq!(rest, b"xyz");
         assert!(Fields::of(b"NRRD0004\ntype: short\n").is_err());
+    }
+
+    #[test]
+    fn fields_may_be_spelled_in_any_case_with_and_without_blanks() {
+        let text = b"NRRD0004\nType: SHORT\nbyteskip: 5\nSpace Origin:(0,0,0)\n\n";
+        let (fields, _) = Fields::of(text).unwrap();
+        assert_eq!(fields.word("type").as_deref(), Some("short"));
+        assert_eq!(fields.get("byte skip"), Some("5"));
+        assert_eq!(fields.get("space origin"), Some("(0,0,0)"));
+        assert!(Fields::of(b"NRRD0004\nDatafile: a.raw\n\n").is_err());
     }
 }

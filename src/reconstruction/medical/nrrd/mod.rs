@@ -38,7 +38,7 @@ pub(in crate::reconstruction) fn read<'a>(
 ) -> Result<Segmentation<'a>, Error> {
     let (fields, data) = Fields::of(bytes)?;
     let sizes = sizes(&fields)?;
-    let mut scalar = scalar(fields.needed("type")?)?;
+    let mut scalar = scalar(&fields.needed("type")?.to_ascii_lowercase())?;
     let mut order = byte_order(&fields, scalar)?;
     let mut warnings = Vec::new();
     let (axes, affine, assumed) = place(&fields, &sizes, reading, &mut warnings)?;
@@ -135,8 +135,9 @@ fn scalar(name: &str) -> Result<Scalar, Error> {
 }
 
 fn byte_order(fields: &Fields, scalar: Scalar) -> Result<ByteOrder, Error> {
-    let packs_bytes = !matches!(fields.get("encoding"), Some("ascii" | "text" | "txt"));
-    match fields.get("endian").map(str::to_ascii_lowercase).as_deref() {
+    let encoding = fields.word("encoding");
+    let packs_bytes = !matches!(encoding.as_deref(), Some("ascii" | "text" | "txt"));
+    match fields.word("endian").as_deref() {
         Some("little") => Ok(ByteOrder::Little),
         Some("big") => Ok(ByteOrder::Big),
         None if scalar.size() == 1 || !packs_bytes => Ok(ByteOrder::Little),
@@ -196,7 +197,7 @@ fn place(
     };
     let origin = vector(&origin).unwrap_or_default();
     let mut affine = Affine { steps, origin };
-    if of_four && let Some(extent) = fields.get("Segmentation_Extent") {
+    if of_four && let Some(extent) = fields.key("Segmentation_Extent") {
         // There the origin is that of the whole image, of which a part is stored.
         let first: Vec<f64> = extent
             .split_ascii_whitespace()
@@ -207,7 +208,7 @@ fn place(
             affine.origin = along(affine.origin, first, step);
         }
     }
-    let space = fields.get("space").map(str::to_ascii_lowercase);
+    let space = fields.word("space");
     let signs = match space.as_deref() {
         Some("left-posterior-superior" | "lps") => [1.0, 1.0, 1.0],
         Some("right-anterior-superior" | "ras") => [-1.0, -1.0, 1.0],
@@ -297,7 +298,7 @@ fn typed(data: &[u8]) -> Vec<u8> {
 /// The segments that the header describes, as far as their layers are there.
 fn described(fields: &Fields, layers: usize) -> Vec<Described> {
     let segment = |i: usize| {
-        let get = |what: &str| fields.get(&format!("Segment{i}_{what}"));
+        let get = |what: &str| fields.key(&format!("Segment{i}_{what}"));
         get("ID").or(get("Name"))?;
         let rgb = get("Color").or(get("DefaultColor")).map(|text| {
             let shares = text
