@@ -6,9 +6,6 @@ pub(super) type Edge = ([f64; 2], [f64; 2]);
 /// Most bands.
 const MOST: f64 = 1024.0;
 
-/// Rows of a band that an area is summed up over.
-const ROWS: f64 = 16.0;
-
 /// Edges with the number of their contour, in bands of rows.
 #[derive(Debug)]
 pub(super) struct Bands {
@@ -72,27 +69,5 @@ impl Bands {
                 && p[0] < a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
         });
         crossed.count() % 2 == 1
-    }
-    /// What lies in an odd number of contours, summed up over rows: exact up to the bends of the contours between
-    /// two rows, in a time that hardly grows faster than the number of edges.
-    pub(super) fn area(&self) -> f64 {
-        let step = self.height / ROWS;
-        let mut area = 0.0;
-        let mut crossings = Vec::new();
-        for (i, band) in self.crossing.iter().enumerate() {
-            for k in 0..ROWS as usize {
-                let y = self.first + i as f64 * self.height + (k as f64 + 0.5) * step;
-                let crossed = band.iter().filter(|(_, (a, b))| (a[1] > y) != (b[1] > y));
-                crossings.clear();
-                crossings.extend(
-                    crossed.map(|(_, (a, b))| a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])),
-                );
-                crossings.sort_unstable_by(f64::total_cmp);
-                for pair in crossings.chunks_exact(2) {
-                    area += step * (pair[1] - pair[0]);
-                }
-            }
-        }
-        area
     }
 }

@@ -3,6 +3,7 @@
 //! A reader finds the geometry of a stack in the header of a file and then hands over one plane after
 //! the other, so that memory does not grow with the volume.
 
+mod area;
 mod bands;
 mod blur;
 mod builder;
@@ -29,13 +30,13 @@ mod tests;
 
 use super::vector::Vec3;
 
+pub use area::area;
 pub use builder::{Builder, Record};
 pub use grid::Grid;
 pub use identifiers::Identifiers;
 pub use inside::Inside;
 pub use label_map::write_mask;
 pub use occupancy::{Occupancy, Overlap};
-pub use polygons::area;
 pub use summary::{Face, Summary};
 
 /// Where the slices of a stack lie, in millimetres of the patient (LPS: x to the left, y to the back,

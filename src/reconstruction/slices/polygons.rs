@@ -1,5 +1,6 @@
 //! From closed contours of a slice to points along them and the lattice around them.
 
+use super::area::edges;
 use super::bands::{Bands, Edge};
 use super::lattice::Lattice;
 
@@ -127,28 +128,6 @@ impl<'a> Contours<'a> {
         inside
     }
 
-    /// What lies in an odd number of the contours, which do not cross: each is a hole of those around it if their
-    /// number is odd.
-    fn area(&self) -> f64 {
-        let bands = self.bands();
-        let tests = self
-            .polygons
-            .iter()
-            .map(|polygon| bands.at(polygon[0][1]).len());
-        if tests.sum::<usize>() > MAX_TESTS {
-            return bands.area();
-        }
-        let polygons = self.polygons.iter().enumerate();
-        polygons.fold(0.0, |area, (i, polygon)| {
-            let sign = if bands.contain(polygon[0], Some(i)) {
-                -1.0
-            } else {
-                1.0
-            };
-            area + sign * enclosed(polygon)
-        })
-    }
-
     fn bands(&self) -> Bands {
         let polygons = self.polygons.iter().enumerate();
         Bands::new(polygons.flat_map(|(i, polygon)| edges(polygon).map(move |edge| (i, edge))))
@@ -157,26 +136,6 @@ impl<'a> Contours<'a> {
     fn edges(&self) -> impl Iterator<Item = Edge> + '_ {
         self.polygons.iter().flat_map(|polygon| edges(polygon))
     }
-}
-
-/// What lies in an odd number of the contours, in columns times rows.
-pub fn area(polygons: &[Vec<[f64; 2]>]) -> f64 {
-    let contours = Contours::new(polygons);
-    if contours.is_empty() {
-        0.0
-    } else {
-        contours.area()
-    }
-}
-
-fn enclosed(polygon: &[[f64; 2]]) -> f64 {
-    let twice = edges(polygon).map(|(a, b)| a[0] * b[1] - a[1] * b[0]);
-    (twice.sum::<f64>() / 2.0).abs()
-}
-
-fn edges(polygon: &[[f64; 2]]) -> impl Iterator<Item = Edge> + Clone + '_ {
-    let next = polygon.iter().cycle().skip(1);
-    polygon.iter().zip(next).map(|(a, b)| (*a, *b))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::contours::{Contour, area};
+use super::contours::Contour;
 use super::element::DataSet;
 use super::planes::Planes;
 use super::tags;
@@ -10,7 +10,7 @@ use crate::reconstruction::Warning;
 use crate::reconstruction::cloud::Error;
 use crate::reconstruction::medical::contents::{color, name};
 use crate::reconstruction::medical::{Contents, Item, Kind, Segmentation, Source};
-use crate::reconstruction::slices::{Content, Geometry};
+use crate::reconstruction::slices::{Content, Geometry, area};
 use crate::reconstruction::vector::Bounds;
 
 /// A structure set that was opened: the planes of each region.
