@@ -97,4 +97,14 @@ mod tests {
         assert!((share - 1.0).abs() < 0.01, "{share}");
         assert_eq!(area(&[]).to_bits(), 0.0_f64.to_bits());
     }
+
+    #[test]
+    fn contours_one_beside_the_other_are_added_up() {
+        let square = |i: usize| {
+            let x = 4.0 * i as f64;
+            vec![[x, 0.0], [x + 2.5, 0.0], [x + 2.5, 2.5], [x, 2.5]]
+        };
+        let polygons: Vec<_> = (0..20_000).map(square).collect();
+        assert!((area(&polygons) / (20_000.0 * 6.25) - 1.0).abs() < 1e-9);
+    }
 }

@@ -137,33 +137,3 @@ impl<'a> Contours<'a> {
         self.polygons.iter().flat_map(|polygon| edges(polygon))
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn square(middle: f64, r: f64) -> Vec<[f64; 2]> {
-        [[-r, -r], [r, -r], [r, r], [-r, r]]
-            .map(|[x, y]| [middle + x, y])
-            .to_vec()
-    }
-
-    #[test]
-    fn holes_are_taken_off_and_islands_in_them_added() {
-        let polygons = vec![square(0.0, 1.0), square(0.0, 3.0), square(0.0, 2.0)];
-        assert!((area(&polygons) - (36.0 - 16.0 + 4.0)).abs() < 1e-12);
-        assert_eq!(area(&[]).to_bits(), 0.0_f64.to_bits());
-    }
-
-    /// One beside the other, all in the same rows: each would be held against all the others.
-    #[test]
-    fn very_many_contours_are_added_up_by_rows() {
-        for count in [2_000, 20_000] {
-            let squares = (0..count).map(|i| square(4.0 * f64::from(i), 1.3));
-            let polygons: Vec<_> = squares.collect();
-            let exact = f64::from(count) * 2.6 * 2.6;
-            let found = area(&polygons);
-            assert!((found / exact - 1.0).abs() < 1e-9, "{found} {exact}");
-        }
-    }
-}
