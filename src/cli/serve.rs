@@ -153,6 +153,9 @@ async fn serve(
     tokio::spawn(upkeep::keep_audit(store.clone(), config.clone()));
     let scheme = if tls.is_some() { "https" } else { "http" };
     tracing::info!("listening on {scheme}://{address}");
+    if tls.is_none() && !config.keys.is_empty() && !config.listen.ip().is_loopback() {
+        tracing::warn!("keys and surfaces travel unencrypted: give --tls-cert and --tls-key");
+    }
 
     let close = CancellationToken::new();
     let work = async {

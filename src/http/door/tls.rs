@@ -4,8 +4,9 @@ use std::convert::Infallible;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
+use sha2::{Digest, Sha256};
 use thiserror::Error;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::signal::unix::{SignalKind, signal};
@@ -91,13 +92,13 @@ impl Tls {
     /// Where signals cannot be heard.
     pub async fn follow(&self) -> io::Result<Infallible> {
         let mut hangups = signal(SignalKind::hangup())?;
-        let mut seen = self.files.changed();
+        let mut seen = self.files.contents();
         loop {
             let asked = tokio::select! {
                 Some(()) = hangups.recv() => true,
                 () = tokio::time::sleep(LOOK) => false,
             };
-            let now = self.files.changed();
+            let now = self.files.contents();
             if !asked && now == seen {
                 continue;
             }
@@ -171,11 +172,11 @@ impl TlsFiles {
         Ok(config)
     }
 
-    /// When each file changed last.
-    fn changed(&self) -> Vec<Option<SystemTime>> {
+    /// What is in each file, as a hash: clocks and copied times cannot deceive it.
+    fn contents(&self) -> Vec<Option<[u8; 32]>> {
         let files = [Some(&self.cert), Some(&self.key), self.client_ca.as_ref()];
-        let time = |path: &PathBuf| std::fs::metadata(path).and_then(|m| m.modified()).ok();
-        files.into_iter().flatten().map(time).collect()
+        let hash = |path: &PathBuf| Some(Sha256::digest(std::fs::read(path).ok()?).into());
+        files.into_iter().flatten().map(hash).collect()
     }
 }
 
