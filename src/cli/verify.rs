@@ -23,7 +23,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         writeln!(
             out,
             "{:<24} {:>11} {:>8} {:>27} {:>13}",
-            "trace", "evaluations", "expected", "largest relative difference", "fused, 20"
+            "trace", "evaluations", "expected", "largest relative difference", "fused, 10"
         )
     })?;
     let mut differing = 0;
