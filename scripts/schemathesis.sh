@@ -54,7 +54,7 @@ expected-statuses = ["4xx"]
 # What fits the schema and is refused all the same: made-up bytes are no cloud (415, 422), settings
 # contradict each other or the cloud (422), a cursor is none of ours (400).
 [[operations]]
-include-path-regex = "^/v1/(clouds|jobs|jobs/[{]id[}]/retry)$"
+include-path-regex = "^/v1/(audit|clouds|jobs|jobs/[{]id[}]/retry)$"
 [operations.checks.positive_data_acceptance]
 expected-statuses = ["2xx", "304", "400", "404", "409", "410", "413", "415", "422"]
 
