@@ -18,6 +18,7 @@ test('people sign in with a key and out again', async () => {
   writeFileSync(config, made.stdout.slice(made.stdout.indexOf('[[keys]]')));
   const { origin } = await serve(t, data, '127.0.0.1:0', ['--config', config]);
   const { page } = await open(await browse(t), origin);
+  await page.goto(`${origin}/`);
   const field = page.getByLabel('Key');
   await field.waitFor();
   assert.deepEqual(await violations(page), []);
