@@ -155,7 +155,7 @@ struct Open {
 }
 
 impl Attempt {
-    /// For [`crate::jobs::Store::submit`], which keeps the answer with the job.
+    /// For [`crate::jobs::store::Acts::submit`], which keeps the answer with the job.
     pub(in crate::http) fn with_job(
         &self,
         respond: impl FnOnce(&Job) -> StoredResponse + Send + 'static,

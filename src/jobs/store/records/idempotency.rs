@@ -11,7 +11,7 @@ use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::store::{Acts, Store};
 use crate::jobs::{CloudId, Error, Job, JobId, Result, Tombstone};
 
-/// Makes [`Store::submit`] keep its answer under a key that was begun.
+/// Makes [`Acts::submit`] keep its answer under a key that was begun.
 pub struct Idempotency {
     /// The client's key.
     pub key: String,
