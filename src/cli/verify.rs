@@ -7,7 +7,9 @@ use clap::Args;
 
 use super::Failure;
 use super::files::{Sink, read};
-use crate::reconstruction::verify::{FUSED_TOLERANCE, TOLERANCE, Trace, TraceResult, verify};
+use crate::reconstruction::verify::{
+    FUSED_EVALUATIONS, FUSED_TOLERANCE, TOLERANCE, Trace, TraceResult, verify,
+};
 
 /// Arguments of `meshway verify`.
 #[derive(Debug, Args)]
@@ -23,7 +25,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         writeln!(
             out,
             "{:<24} {:>11} {:>8} {:>27} {:>13}",
-            "trace", "evaluations", "expected", "largest relative difference", "fused, 10"
+            "trace",
+            "evaluations",
+            "expected",
+            "largest relative difference",
+            format!("fused, {FUSED_EVALUATIONS}")
         )
     })?;
     let mut differing = 0;

@@ -22,7 +22,7 @@ pub const TOLERANCE: f64 = 1e-7;
 /// of f32 has grown into another path. It grows about tenfold every four evaluations, from where the
 /// sums begin, whose order depends on the width of the processor's vectors: after 20, AVX-512 is off by
 /// 6.3e-4 at most, AVX2 by 4.9e-2.
-const FUSED_EVALUATIONS: usize = 10;
+pub const FUSED_EVALUATIONS: usize = 10;
 
 /// Largest relative difference of their losses that passes.
 pub const FUSED_TOLERANCE: f64 = 1e-3;
@@ -54,8 +54,8 @@ pub struct TraceResult {
     pub gradient_difference: f64,
     /// Relative difference of f at the samples in the end.
     pub prediction_difference: f64,
-    /// Largest relative difference of a loss of the fused engine, in f32, over the first 10
-    /// evaluations; none where it has not the scheme.
+    /// Largest relative difference of a loss of the fused engine, in f32, over the first
+    /// [`FUSED_EVALUATIONS`]; none where it has not the scheme.
     pub fused_difference: Option<f64>,
     /// Whether the number of evaluations is exact, every loss within [`TOLERANCE`], and those of the
     /// fused engine within [`FUSED_TOLERANCE`].

@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_key_is_taken_from_the_header_alone() {
+    fn a_key_is_taken_from_header_or_cookie_and_never_from_the_address() {
         let secret = Secret::generate().unwrap();
         let key_of = |value: &str, uri: String| {
             let mut headers = HeaderMap::new();

@@ -63,9 +63,7 @@ pub(in crate::http) async fn sign_in(
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let key = key_in(&headers, &uri)?;
-    let origin = header(&headers, &ORIGIN)?;
-    let cookie = cookie(&app.config, origin, key.reveal(), SIGNED_IN);
-    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, cookie)]).into_response())
+    keep(&app.config, &headers, key.reveal(), SIGNED_IN)
 }
 
 /// `DELETE /v1/session`: the browser forgets its key.
@@ -74,15 +72,18 @@ pub(in crate::http) async fn sign_out(
     headers: HeaderMap,
     _: NoQuery,
 ) -> Result<Response> {
-    let origin = header(&headers, &ORIGIN)?;
-    let cookie = cookie(&app.config, origin, "", 0);
-    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, cookie)]).into_response())
+    keep(&app.config, &headers, "", 0)
 }
 
-/// A cookie that no script and no other site can use, and that goes over TLS alone where the page did.
-fn cookie(config: &Config, origin: Option<&str>, key: &str, seconds: u32) -> String {
+/// Has the browser keep a key for so long, in a cookie that no script and no other site can use, and that goes over TLS
+/// alone where the page did.
+fn keep(config: &Config, headers: &HeaderMap, key: &str, seconds: u32) -> Result<Response> {
+    let origin = header(headers, &ORIGIN)?;
     let encrypted = config.tls_cert.is_some() || origin.is_some_and(|o| o.starts_with("https:"));
     let secure = if encrypted { "; Secure" } else { "" };
     let path = config.address("/");
-    format!("{KEY_COOKIE}={key}; Path={path}; Max-Age={seconds}; HttpOnly; SameSite=Strict{secure}")
+    let cookie = format!(
+        "{KEY_COOKIE}={key}; Path={path}; Max-Age={seconds}; HttpOnly; SameSite=Strict{secure}"
+    );
+    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, cookie)]).into_response())
 }

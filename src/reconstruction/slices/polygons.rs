@@ -69,12 +69,12 @@ impl<'a> Contours<'a> {
                 points.push(([a[0] + share * way[0], a[1] + share * way[1]], across));
             }
         }
-        let bands = self.bands();
+        let bands = Bands::new(self.edges());
         let tests = points.iter().map(|(p, _)| bands.at(p[1]).len());
         let test = tests.sum::<usize>() <= MAX_TESTS;
         let separates = |p: [f64; 2], across: [f64; 2]| {
             let beside = |side: f64| [p[0] + side * across[0], p[1] + side * across[1]];
-            bands.contain(beside(1.0), None) != bands.contain(beside(-1.0), None)
+            bands.contain(beside(1.0)) != bands.contain(beside(-1.0))
         };
         points
             .into_iter()
@@ -128,12 +128,7 @@ impl<'a> Contours<'a> {
         inside
     }
 
-    fn bands(&self) -> Bands {
-        let polygons = self.polygons.iter().enumerate();
-        Bands::new(polygons.flat_map(|(i, polygon)| edges(polygon).map(move |edge| (i, edge))))
-    }
-
-    fn edges(&self) -> impl Iterator<Item = Edge> + '_ {
+    fn edges(&self) -> impl Iterator<Item = Edge> + Clone + '_ {
         self.polygons.iter().flat_map(|polygon| edges(polygon))
     }
 }
