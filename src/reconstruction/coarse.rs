@@ -50,9 +50,12 @@ pub(super) fn fit<T: Scalar>(
         snapshot: &mut snapshot,
         enough: &mut |evaluations, parameters| {
             let blocks = plan.blocks.as_ref();
-            let looks = blocks.filter(|blocks| evaluations.contains(&(blocks.first_look - 1)));
-            looks.map_or(Ok(false), |blocks| {
-                leaves_too_much(parameters, blocks.unsettled)
+            let looks = blocks.map_or(&[][..], |blocks| &blocks.looks);
+            let look = looks
+                .iter()
+                .find(|look| evaluations.contains(&(look.evaluations - 1)));
+            look.map_or(Ok(false), |look| {
+                leaves_too_much(parameters, look.tolerated)
             })
         },
         identity,

@@ -53,8 +53,10 @@ fn blocks_keep_detail_that_one_network_loses() {
     let one = run(&cloud, &one);
     assert_eq!(one.report.blocks, None);
     let blocks = many.report.blocks.clone().unwrap();
-    let most = settings().network.block_points;
-    assert_eq!(blocks.count, many.report.samples.surface.div_ceil(most));
+    // Exact points are shared by more blocks than the settings ask for at least.
+    let asked = settings().network.block_points;
+    assert!(blocks.count > (3 * many.report.samples.surface).div_ceil(2 * asked));
+    assert!(blocks.count < (3 * many.report.samples.surface).div_ceil(asked));
     assert!(
         error(&many) < 0.3 * error(&one),
         "{} {}",

@@ -40,6 +40,27 @@ fn prepared(cloud: &PointCloud) -> Prepared {
 }
 
 #[test]
+fn what_is_missing_of_a_surface_is_told() {
+    let missing = |keep: fn(&[f64; 3]) -> bool, noise_percent: f64| {
+        let recipe = Recipe {
+            noise_percent,
+            ..bare(3_000)
+        };
+        let mut cloud = sample(&SPHERE, &recipe);
+        cloud.points.retain(keep);
+        let uncertainty = prepared(&cloud).uncertainty.unwrap();
+        (uncertainty.missing, uncertainty.tells_details())
+    };
+    let (whole, tells) = missing(|_| true, 0.0);
+    assert!(whole < 0.04 && tells, "{whole}");
+    // A cap of a quarter of the area: seen from any point of a sphere, it takes up as much of the view.
+    let (cut, tells) = missing(|p| p[2] < 0.5, 0.0);
+    assert!((0.18..0.32).contains(&cut) && !tells, "{cut}");
+    let (noisy, tells) = missing(|_| true, 0.5);
+    assert!(noisy < 0.1 && !tells, "{noisy}");
+}
+
+#[test]
 fn noise_is_told_from_shape() {
     for (shape, points) in [
         (SPHERE, 300),

@@ -2,6 +2,8 @@
 //!
 //! Noise of neighbouring points is independent; what a field misses of the shape is the same for both. So the mean
 //! product of the residuals of neighbours is the mean square of what is missed, and no estimate of the noise is needed.
+//! Details as small as the distance of neighbours are not seen so: where points are all but exact, the size of the
+//! residuals tells of them.
 
 use crate::reconstruction::error::Error;
 use crate::reconstruction::sampling::neighbours::{Neighbourhoods, Tree};
@@ -21,21 +23,34 @@ const STEPS: usize = 2;
 /// The mean product has to be so many standard errors above 0. Residuals of pure noise are above two once in 40 clouds.
 const STANDARD_ERRORS: f64 = 2.0;
 
-/// What the field of one network misses at points that it was not fitted to, in their unit: the root mean square,
-/// 0 where noise alone may have made the residuals. Targets of the field reach ±1 at `band`.
+/// How far a field passes points by that it was not fitted to, in their unit.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Misfit {
+    /// Root mean square of what it misses of the shape that neighbours share, 0 where noise alone may have made the
+    /// residuals.
+    pub(super) shared: f64,
+    /// Root mean square of the residuals, noise and all.
+    pub(super) size: f64,
+}
+
+/// The misfit of the field of one network at `points`. Targets of the field reach ±1 at `band`.
 ///
 /// # Errors
 /// What the field reports.
-pub(super) fn misfit(field: &dyn Field, points: &[Vec3], band: f64) -> Result<f64, Error> {
+pub(super) fn misfit(field: &dyn Field, points: &[Vec3], band: f64) -> Result<Misfit, Error> {
     if points.len() < 2 {
-        return Ok(0.0);
+        return Ok(Misfit::default());
     }
     let (residuals, feet) = residuals(field, points, band)?;
     // Of the points themselves, those at the same height above the surface are the nearer ones.
     let nearest = Neighbourhoods::new(&Tree::new(&feet), &feet, 1);
     let products = (0..points.len()).flat_map(|i| nearest.of(i).map(move |j| (i, j)));
     let products: Vec<f64> = products.map(|(i, j)| residuals[i] * residuals[j]).collect();
-    Ok(significant_mean(&products).sqrt())
+    let squares = residuals.iter().map(|r| r * r).sum::<f64>();
+    Ok(Misfit {
+        shared: significant_mean(&products).sqrt(),
+        size: (squares / points.len() as f64).sqrt(),
+    })
 }
 
 /// Signed distances of the points to the zero set, at most a band, and their feet there: Newton's steps along the
@@ -102,17 +117,28 @@ mod tests {
         }
     }
 
-    /// What it misses of a surface with waves and noise.
-    fn missed(noise: f64, wave: f64) -> f64 {
+    /// What it misses of a surface with waves, so many to a length, and noise.
+    fn misfit_of(noise: f64, wave: f64, waves: f64) -> Misfit {
         let mut random = stream(1, Purpose::Sampling);
         let points: Vec<Vec3> = (0..4_000)
             .map(|_| {
                 let [x, y]: [f64; 2] = [random.random(), random.random()];
-                let height = wave * (20.0 * x).sin();
+                let height = wave * (waves * x).sin();
                 [x, y, height + noise * (random.random::<f64>() - 0.5)]
             })
             .collect();
         misfit(&Plane, &points, 1.0).unwrap()
+    }
+
+    fn missed(noise: f64, wave: f64) -> f64 {
+        misfit_of(noise, wave, 20.0).shared
+    }
+
+    #[test]
+    fn waves_shorter_than_the_way_to_a_neighbour_are_told_by_their_size() {
+        let found = misfit_of(0.0, 0.02, 2_000.0);
+        assert!(found.shared < 0.006, "{found:?}");
+        assert!((0.013..0.0155).contains(&found.size), "{found:?}");
     }
 
     #[test]

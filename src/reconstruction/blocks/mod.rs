@@ -56,10 +56,17 @@ pub(super) fn needed(
     let held_out: Vec<Vec3> = positions
         .filter_map(|position| Some(scan.surface.points[position.ok()?]))
         .collect();
-    let missed = misfit(field, &held_out, scan.band)?;
+    let found = misfit(field, &held_out, scan.band)?;
+    let noise = scan.uncertainty.noise;
+    let missed = if scan.uncertainty.tells_details() {
+        let beyond_noise = (found.size.powi(2) - noise.powi(2)).max(0.0).sqrt();
+        found.shared.max(beyond_noise)
+    } else {
+        found.shared
+    };
     let spacing = median(&mut scan.surface.spacings.clone());
     let fitted = prepared.counts.surface as f64 / prepared.points as f64;
-    let in_the_end = BlockPlan::tolerated(spacing, scan.uncertainty.noise, fitted);
+    let in_the_end = BlockPlan::tolerated(spacing, noise, fitted);
     Ok(missed > tolerated * in_the_end)
 }
 

@@ -72,6 +72,7 @@ impl Findings {
                 spacing: spacing(trained),
                 band,
                 sparse,
+                missing: 0.0,
                 crowding: 1.0,
             }),
         }

@@ -55,6 +55,8 @@ pub struct OrientedSurface {
     /// Share of the points whose normal the winding number of all of them bears out, 0 to 1: above one half
     /// one local spacing inside of the point and below it as far outside.
     pub confidence: f64,
+    /// Share of the view from the points that the surface lacks ([`Uncertainty::missing`](super::Uncertainty::missing)).
+    pub missing: f64,
     /// How far the winding number is unsure one spacing away from the points.
     doubt: f64,
     /// What divides inside from outside where the points are those of an open sheet.
@@ -114,6 +116,7 @@ impl OrientedSurface {
             source,
             noise,
             confidence: sides.confidence(),
+            missing: sides.missing(),
             doubt: if sparse || sides.open() {
                 f64::INFINITY
             } else {

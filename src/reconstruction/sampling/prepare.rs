@@ -264,6 +264,7 @@ impl<'a> Scene<'a> {
             spacing,
             band: self.grading.band,
             sparse: self.sparse,
+            missing: surface.missing,
             crowding: surface.points.len() as f64 / surface.even_points as f64,
         }
     }

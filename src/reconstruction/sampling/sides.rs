@@ -72,6 +72,14 @@ impl Sides {
         DOUBT_OVER_CHANGE * quantile(&mut changes, DOUBT_QUANTILE)
     }
 
+    /// Share of the view from the points that the surface lacks: its winding number falls short of [`LEVEL`] by as
+    /// large a share of it.
+    pub(super) fn missing(&self) -> f64 {
+        let levels = self.asked.iter().map(|asked| middle(asked.here));
+        let mean = levels.sum::<f64>() / self.asked.len().max(1) as f64;
+        (1.0 - mean / LEVEL).max(0.0)
+    }
+
     /// Whether the points are those of a sheet that is far from closed: at most of them the winding number jumps
     /// by one, but not from 0 to 1. Through a body thinner than the spacing it does not jump.
     pub(super) fn open(&self) -> bool {

@@ -33,6 +33,11 @@ const DECAY_SPARSE: f64 = 120.0;
 /// 0.5 % of the diagonal are above a fifth where there are 3000.
 const NOISY: f64 = 0.1;
 
+/// Share of the view that may be missing from a surface for which the size of residuals tells what a network misses.
+/// Closed surfaces of 3000 and 8000 clean points miss 0.07 at most, those with two holes, 40 % of them gone, 0.2 and
+/// more.
+const MOST_MISSING: f64 = 0.13;
+
 /// Fewer points do not tell noise from shape: the fits that tell it reach around half of a body.
 const TELL_NOISE: usize = 64;
 
@@ -60,6 +65,9 @@ pub struct Uncertainty {
     pub band: f64,
     /// Whether the points lie far apart beside the band ([`Self::is_sparse`]).
     pub sparse: bool,
+    /// Share of the view from the points that the surface lacks: 0 where it closes, 1 at a flat sheet. Across holes the
+    /// one network has to find the way.
+    pub missing: f64,
     /// Points for each place of slices or scan lines that share what one would weigh there; 1 of even clouds.
     pub crowding: f64,
 }
@@ -73,6 +81,12 @@ impl Uncertainty {
     /// Whether there are different surfaces that fit the points equally well.
     pub fn leaves_the_surface_open(&self) -> bool {
         self.sparse || self.noise > NOISY * self.spacing
+    }
+
+    /// Whether residuals as such tell what a network misses of the shape: the points are all but exact, and the surface
+    /// is there.
+    pub fn tells_details(&self) -> bool {
+        !self.leaves_the_surface_open() && self.missing < MOST_MISSING
     }
 
     /// Weight of a surface point over that of a near sample: inverse variances, shared by the

@@ -202,7 +202,7 @@ impl Plan<'_> {
             + SECONDS_PER_FURTHER_POINT * (points - oriented) as f64;
         let one = self.whole_seconds(self.training.max_evaluations) + self.mesh_seconds(None);
         let fitting = self.blocks.as_ref().map_or(one, |blocks| {
-            let looked = blocks.first_look;
+            let looked = blocks.looks.last().map_or(0, |look| look.evaluations);
             let evaluations = USUAL_ROUNDS * blocks.round as f64;
             let many = self.whole_seconds(looked.min(self.training.max_evaluations))
                 + self.block_seconds(blocks, evaluations)
