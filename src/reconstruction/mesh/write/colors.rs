@@ -30,7 +30,7 @@ impl Colors {
     pub const SCALE: &str = "cividis";
 
     /// Colours that end at a distance, in the unit of the mesh: its
-    /// [`support_distance`](crate::reconstruction::SurfaceReport::support_distance), so that yellow is what was
+    /// [`support_distance`](crate::reconstruction::report::SurfaceReport::support_distance), so that yellow is what was
     /// guessed. None where that is no positive number.
     pub fn up_to(most: f64) -> Option<Self> {
         (most > 0.0 && most.is_finite()).then_some(Self { most })
