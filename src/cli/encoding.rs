@@ -1,9 +1,9 @@
-//! How meshes are written: format and frame, checked before the work begins.
+//! How meshes are written: format, frame and colours, checked before the work begins.
 
 use std::io::{self, Write};
 use std::path::Path;
 
-use clap::ValueEnum;
+use clap::{Args, ValueEnum};
 
 use super::Failure;
 use super::files::Sink;
@@ -11,7 +11,7 @@ use crate::reconstruction::Report;
 use crate::reconstruction::cloud::PointCloud;
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::mesh::write::dicom::{self, Instance};
-use crate::reconstruction::mesh::write::{Format, holds, write};
+use crate::reconstruction::mesh::write::{self, Format, holds, write_colored};
 use crate::reconstruction::space::Frame;
 
 /// The frame that a mesh is asked for in.
@@ -26,24 +26,52 @@ pub(super) enum Space {
     Ras,
 }
 
-/// Format and frame of meshes.
+/// What the vertices are coloured by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub(super) enum Colors {
+    /// Nothing.
+    #[default]
+    None,
+    /// Their distance to the points: dark blue on the points, yellow where the surface was guessed.
+    Distance,
+}
+
+/// Arguments on how meshes are written.
+#[derive(Debug, Args)]
+pub(super) struct EncodingArguments {
+    /// Format of the mesh, where the ending does not say it: ply, `ply_ascii`, obj, stl, off, glb, 3mf, vtp, dcm.
+    #[arg(long, value_name = "FORMAT")]
+    format: Option<String>,
+    /// Frame of the mesh's coordinates: lps and ras turn it, where the cloud says its frame.
+    #[arg(long, value_name = "FRAME", value_enum, default_value_t)]
+    space: Space,
+    /// Colours of the vertices, in PLY and GLB.
+    #[arg(long, value_name = "COLORS", value_enum, default_value_t)]
+    colors: Colors,
+}
+
+/// Format, frame and colours of meshes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Encoding {
     format: Format,
     space: Space,
+    colors: Colors,
 }
 
 impl Encoding {
-    /// The format of this name; without a name binary PLY.
-    pub(super) fn named(format: Option<&str>, space: Space) -> Result<Self, Failure> {
-        let format = format.map_or(Ok(Format::PlyBinary), named)?;
-        Ok(Self { format, space })
+    /// The format that the arguments name; without a name binary PLY.
+    pub(super) fn named(asked: &EncodingArguments) -> Result<Self, Failure> {
+        let format = asked
+            .format
+            .as_deref()
+            .map_or(Ok(Format::PlyBinary), named)?;
+        Self::new(format, asked)
     }
 
-    /// The format of this name, or that of the ending of the file.
-    pub(super) fn of(mesh: &Sink, format: Option<&str>, space: Space) -> Result<Self, Failure> {
-        let (None, Some(name)) = (format, mesh.name()) else {
-            return Self::named(format, space);
+    /// The format that the arguments name, or that of the ending of the file.
+    pub(super) fn of(mesh: &Sink, asked: &EncodingArguments) -> Result<Self, Failure> {
+        let (None, Some(name)) = (&asked.format, mesh.name()) else {
+            return Self::named(asked);
         };
         let ending = Path::new(name).extension();
         let format = ending.and_then(|ending| Format::from_extension(&ending.to_string_lossy()));
@@ -53,7 +81,21 @@ impl Encoding {
                  .dcm, or --format"
             ))
         })?;
-        Ok(Self { format, space })
+        Self::new(format, asked)
+    }
+
+    fn new(format: Format, asked: &EncodingArguments) -> Result<Self, Failure> {
+        if asked.colors != Colors::None && !format.has_colors() {
+            return Err(Failure::Usage(format!(
+                "--colors: {} has no colours; use ply or glb",
+                format.name()
+            )));
+        }
+        Ok(Self {
+            format,
+            space: asked.space,
+            colors: asked.colors,
+        })
     }
 
     /// Ending of file names, without the dot.
@@ -109,7 +151,11 @@ impl Encoding {
         };
         let mesh = turned.as_ref().unwrap_or(mesh);
         if self.format != Format::Dicom {
-            return write(mesh, self.format, out);
+            let colors = match self.colors {
+                Colors::None => None,
+                Colors::Distance => write::Colors::up_to(report.surface.support_distance),
+            };
+            return write_colored(mesh, self.format, colors, out);
         }
         let identifiers = report.identifiers.clone().unwrap_or_default();
         let instance = Instance {

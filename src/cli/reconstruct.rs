@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::Value;
 
 use super::Failure;
-use super::encoding::{Encoding, Space};
+use super::encoding::{Encoding, EncodingArguments};
 use super::files::{OnePart, PartArguments, Sink, read, read_cloud};
 use super::parts::{Part, several};
 use super::progress::Progress;
@@ -38,12 +38,8 @@ pub(super) struct Arguments {
     /// The mesh; the ending chooses the format: ply, obj, stl, off, glb, 3mf, vtp, dcm. `-` is standard output.
     #[arg(short, long, value_name = "MESH")]
     output: PathBuf,
-    /// Format of the mesh, where the ending does not say it: ply, `ply_ascii`, obj, stl, off, glb, 3mf, vtp, dcm.
-    #[arg(long, value_name = "FORMAT")]
-    format: Option<String>,
-    /// Frame of the mesh's coordinates: lps and ras turn it, where the cloud says its frame.
-    #[arg(long, value_name = "FRAME", value_enum, default_value_t)]
-    space: Space,
+    #[command(flatten)]
+    encoding: EncodingArguments,
     /// Named settings to start from.
     #[arg(long, value_enum, default_value_t)]
     preset: Preset,
@@ -266,13 +262,12 @@ impl Sinks {
             let path = path.as_deref();
             path.map(|path| sink(path, ending)).transpose()
         };
-        let format = arguments.format.as_deref();
         let (mesh, encoding) = if several {
-            let encoding = Encoding::named(format, arguments.space)?;
+            let encoding = Encoding::named(&arguments.encoding)?;
             (sink(&arguments.output, encoding.extension())?, encoding)
         } else {
             let mesh = sink(&arguments.output, "")?;
-            let encoding = Encoding::of(&mesh, format, arguments.space)?;
+            let encoding = Encoding::of(&mesh, &arguments.encoding)?;
             (mesh, encoding)
         };
         if (several || part.is_some()) && arguments.snapshots.is_some() {

@@ -40,6 +40,9 @@ pub(super) struct Arguments {
     /// Print the settings as such a file, and end.
     #[arg(long)]
     print_config: bool,
+    /// What the flag is called elsewhere: whoever types it is told of `--listen`.
+    #[arg(long, hide = true)]
+    port: Option<String>,
     /// How long a computation may take to stop before its worker ends itself.
     #[arg(long, hide = true, default_value_t = 10_000)]
     grace_milliseconds: u32,
@@ -76,6 +79,10 @@ fn parse(line: &[OsString]) -> Result<Cli, Failure> {
 
 pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Result<(), Failure> {
     let config = &arguments.config;
+    if let Some(port) = &arguments.port {
+        let meant = format!("there is no --port; use --listen 127.0.0.1:{port}");
+        return Err(Failure::Usage(meant));
+    }
     if arguments.print_config {
         let text = config
             .to_toml()

@@ -24,7 +24,7 @@ pub(crate) fn succeed(folder: &Path, arguments: &[&str]) -> String {
 }
 
 /// Runs and expects this exit code; gives standard error, which is short and no panic.
-fn fail(folder: &Path, arguments: &[&str], code: i32) -> String {
+pub(crate) fn fail(folder: &Path, arguments: &[&str], code: i32) -> String {
     let output = meshway(folder, arguments);
     let message = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
@@ -271,6 +271,7 @@ fn every_kind_of_failure_has_its_exit_code_and_leaves_nothing() {
     let refused = &[
         "--set=network.width=0",
         "--set=training.sed=1",
+        "--set=width=3",
         "--set=surface.resolution=9999",
     ];
     let message = fail(folder, &strings(&quick("cloud.xyz", "m.ply", refused)), 2);
@@ -278,6 +279,7 @@ fn every_kind_of_failure_has_its_exit_code_and_leaves_nothing() {
         "/network/width: is 0, must be an integer from 1 to 512",
         "/training/sed: is unknown here",
         "did you mean seed?",
+        "did you mean network.width?",
         "/surface/resolution: is 9999, must be an integer from 8 to 1024",
     ] {
         assert!(message.contains(said), "{message}");
@@ -378,6 +380,8 @@ fn a_service_that_cannot_start_names_the_flag() {
     assert!(message.contains("--data-dir /dev/null/data: "), "{message}");
     let message = fail(folder, &["serve", "--worker-memory-mib=230"], 2);
     assert!(message.contains("at least 288"), "{message}");
+    let message = fail(folder, &["serve", "--port=8081"], 2);
+    assert!(message.contains("--listen 127.0.0.1:8081"), "{message}");
     let help = succeed(folder, &["presets", "--help"]);
     assert!(help.contains("arXiv") && !help.contains('\\'), "{help}");
 }

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod architecture;
+mod colors;
 mod command_line;
 mod likely_wrong;
 mod openapi;

@@ -16,13 +16,32 @@ use crate::server::{Folder, PATIENCE, SCRIPTED, until};
 use crate::who::us;
 use crate::wire::Connection;
 
+/// Holds scripted jobs until it is opened: whatever is done to a job before, it has not ended by then.
+struct Gate(tempfile::TempDir);
+
+impl Gate {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn script(&self) -> String {
+        format!("--script=until:{}", self.0.path().join("open").display())
+    }
+
+    fn open(&self) {
+        fs::write(self.0.path().join("open"), "").unwrap();
+    }
+}
+
 #[tokio::test]
 async fn the_job_of_a_killed_worker_runs_again() {
     let folder = Folder::new().await;
-    let _server = folder.serve(&["--script=sleep:1"]).await;
+    let gate = Gate::new();
+    let _server = folder.serve(&[&gate.script()]).await;
     let id = folder.submit(json!({})).await;
     let worker = folder.running(&id).await;
     kill_process(worker, Signal::KILL).unwrap();
+    gate.open();
     until("the job runs again", PATIENCE, async || {
         (folder.job(&id).await.attempt == 2).then_some(())
     })
@@ -135,7 +154,8 @@ async fn who_cancels_does_not_wait_for_a_computation_that_does_not_look() {
 #[tokio::test]
 async fn a_killed_server_loses_no_job_and_finishes_none_twice() {
     let folder = Folder::new().await;
-    let server = folder.serve(&["--script=sleep:1"]).await;
+    // Longer than the test: the job has not ended when its server is killed, however slow that is.
+    let server = folder.serve(&["--script=sleep:1000"]).await;
     let first = folder.submit(json!({})).await;
     let second = folder.submit(json!({})).await;
     let worker = folder.running(&first).await;
@@ -148,7 +168,7 @@ async fn a_killed_server_loses_no_job_and_finishes_none_twice() {
     let job = folder.job(&first).await;
     assert_eq!((job.status, job.failures), (Status::Queued, 0));
 
-    let _server = folder.serve(&["--script=sleep:1"]).await;
+    let _server = folder.serve(&["--script=instant"]).await;
     for id in [&first, &second] {
         assert_eq!(folder.end(id).await.status, Status::Succeeded);
         folder.events(id).await;
@@ -158,14 +178,14 @@ async fn a_killed_server_loses_no_job_and_finishes_none_twice() {
 #[tokio::test]
 async fn a_server_and_its_worker_killed_at_once_lose_no_job() {
     let folder = Folder::new().await;
-    let server = folder.serve(&["--script=sleep:1"]).await;
+    let server = folder.serve(&["--script=sleep:1000"]).await;
     let id = folder.submit(json!({})).await;
     let worker = folder.running(&id).await;
     kill_process(worker, Signal::STOP).unwrap();
     drop(server);
     kill_process(worker, Signal::KILL).unwrap();
 
-    let _server = folder.serve(&["--script=sleep:1"]).await;
+    let _server = folder.serve(&["--script=instant"]).await;
     let job = folder.end(&id).await;
     assert_eq!((job.status, job.attempt), (Status::Succeeded, 2));
     folder.events(&id).await;
@@ -272,10 +292,12 @@ async fn the_time_limit_is_that_of_all_attempts() {
 #[tokio::test]
 async fn a_stopped_worker_is_killed_and_its_job_runs_again() {
     let folder = Folder::new().await;
-    let _server = folder.serve(&["--script=sleep:1"]).await;
+    let gate = Gate::new();
+    let _server = folder.serve(&[&gate.script()]).await;
     let id = folder.submit(json!({})).await;
     let worker = folder.running(&id).await;
     kill_process(worker, Signal::STOP).unwrap();
+    gate.open();
     let job = folder.end(&id).await;
     assert_eq!(
         (job.status, job.attempt, job.failures),

@@ -144,13 +144,25 @@ fn overlay(
         if known.contains_key(name) {
             overlay(base, merged, &inner, value, violations);
         } else {
-            let meant = did_you_mean(name, known.keys().map(String::as_str));
+            let meant = match groups_with(base, name).as_slice() {
+                [] => did_you_mean(name, known.keys().map(String::as_str)),
+                groups => format!("; did you mean {}?", groups.join(" or ")),
+            };
             violations.push(Violation {
                 pointer: inner,
                 detail: format!("is unknown here; known are: {}{meant}", names(known)),
             });
         }
     }
+}
+
+/// The settings of that name, each with its group, as in `network.width`.
+fn groups_with(base: &Value, name: &str) -> Vec<String> {
+    let groups = base.as_object().into_iter().flatten();
+    groups
+        .filter(|(_, settings)| settings.get(name).is_some())
+        .map(|(group, _)| format!("{group}.{name}"))
+        .collect()
 }
 
 fn place(

@@ -4,6 +4,7 @@ mod choices;
 mod damage;
 mod found;
 mod oracle;
+mod spelling;
 mod surfaces;
 
 use std::collections::BTreeMap;

@@ -10,7 +10,7 @@ use super::{moved, sphere};
 /// A GLB file taken apart.
 pub(super) struct Parts {
     pub(super) document: Value,
-    binary: Vec<u8>,
+    pub(super) binary: Vec<u8>,
 }
 
 fn word(bytes: &[u8], at: usize) -> usize {

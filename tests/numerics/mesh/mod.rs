@@ -1,5 +1,6 @@
 //! Meshes: what they are, how large, how far apart, and that every format gives them back.
 
+mod colors;
 pub(crate) mod formats;
 mod glb;
 mod hostile;

@@ -2,6 +2,7 @@
 
 mod addresses;
 mod clouds;
+mod colors;
 pub(crate) mod contract;
 mod costs;
 mod door;

@@ -1,6 +1,7 @@
 //! What a scripted job does.
 
 use std::f64::consts::{PI, TAU};
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -18,6 +19,8 @@ pub(crate) enum Script {
     Instant,
     /// Gives a sphere after so many seconds, with progress on the way; stops when asked.
     Sleep(f64),
+    /// Gives a sphere once this file is there; stops when asked.
+    Until(PathBuf),
     /// Aborts the process.
     Crash,
     /// Exits the process.
@@ -34,7 +37,7 @@ pub(crate) enum Script {
 
 /// A text that names no script.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("known are instant, sleep:SECONDS, crash, exit, hang, fail:CODE, panic, oom")]
+#[error("known are instant, sleep:SECONDS, until:FILE, crash, exit, hang, fail:CODE, panic, oom")]
 pub(crate) struct InvalidScript;
 
 impl FromStr for Script {
@@ -49,6 +52,7 @@ impl FromStr for Script {
                 }
                 Self::Sleep(seconds)
             }
+            Some(("until", file)) => Self::Until(file.into()),
             Some(("fail", code)) => Self::Fail(code.to_owned()),
             None if text == "instant" => Self::Instant,
             None if text == "crash" => Self::Crash,
@@ -80,6 +84,7 @@ impl Script {
         match self {
             Self::Instant => {}
             Self::Sleep(seconds) => sleep(*seconds, observer)?,
+            Self::Until(file) => until(file, observer)?,
             Self::Crash => std::process::abort(),
             Self::Exit => std::process::exit(7),
             Self::Hang => loop {
@@ -110,6 +115,16 @@ impl Script {
             model: [&2_u64.to_le_bytes()[..], b"{}"].concat(),
         })
     }
+}
+
+fn until(file: &Path, observer: &dyn Observer) -> Result<(), Failure> {
+    while !file.exists() {
+        if observer.cancelled() || observer.released() {
+            return Err(Failure::Stopped);
+        }
+        std::thread::sleep(STEP);
+    }
+    Ok(())
 }
 
 fn sleep(seconds: f64, observer: &dyn Observer) -> Result<(), Failure> {

@@ -93,7 +93,7 @@ async fn an_answer_means_that_another_connection_sees_the_job() {
 
 #[tokio::test]
 async fn a_locked_database_is_busy_after_a_while_and_recovers() {
-    let bench = Bench::with(|options| options.busy_timeout = Duration::from_millis(200)).await;
+    let bench = Bench::with(|options| options.busy_timeout = Duration::from_secs(2)).await;
     let job = bench.submit().await;
     let mut other = bench.connection().await;
     sqlx::query("BEGIN IMMEDIATE")

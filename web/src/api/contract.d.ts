@@ -2032,6 +2032,8 @@ export interface components {
         AssumeOrientation: boolean;
         /** @description Frame of the coordinates. `lps`: x to the left of the patient, y to the back, z to the head; `ras`: x to the right, y to the front. `source`: as the cloud has them. `request_invalid` where the cloud does not say its frame, and for `ras` in DICOM. */
         Space: "source" | "lps" | "ras";
+        /** @description Colours of the vertices, in PLY (red, green, blue) and GLB (COLOR_0, and _DISTANCE_TO_POINTS). `distance`: on the scale cividis from dark blue, on a point of the cloud, to yellow, at `surface.support_distance` of the report and beyond: what is yellow was guessed, not measured. The file says where the scale ends. `request_invalid` in other formats, and for snapshots of a job that has not succeeded. */
+        Colors: "none" | "distance";
         /** @description Id of a cloud. */
         CloudId: components["schemas"]["CloudId"];
         /** @description Id of a job. */
@@ -2948,6 +2950,8 @@ export interface operations {
             query?: {
                 /** @description Frame of the coordinates. `lps`: x to the left of the patient, y to the back, z to the head; `ras`: x to the right, y to the front. `source`: as the cloud has them. `request_invalid` where the cloud does not say its frame, and for `ras` in DICOM. */
                 space?: components["parameters"]["Space"];
+                /** @description Colours of the vertices, in PLY (red, green, blue) and GLB (COLOR_0, and _DISTANCE_TO_POINTS). `distance`: on the scale cividis from dark blue, on a point of the cloud, to yellow, at `surface.support_distance` of the report and beyond: what is yellow was guessed, not measured. The file says where the scale ends. `request_invalid` in other formats, and for snapshots of a job that has not succeeded. */
+                colors?: components["parameters"]["Colors"];
             };
             header?: {
                 /**
@@ -3027,6 +3031,8 @@ export interface operations {
             query?: {
                 /** @description Frame of the coordinates. `lps`: x to the left of the patient, y to the back, z to the head; `ras`: x to the right, y to the front. `source`: as the cloud has them. `request_invalid` where the cloud does not say its frame, and for `ras` in DICOM. */
                 space?: components["parameters"]["Space"];
+                /** @description Colours of the vertices, in PLY (red, green, blue) and GLB (COLOR_0, and _DISTANCE_TO_POINTS). `distance`: on the scale cividis from dark blue, on a point of the cloud, to yellow, at `surface.support_distance` of the report and beyond: what is yellow was guessed, not measured. The file says where the scale ends. `request_invalid` in other formats, and for snapshots of a job that has not succeeded. */
+                colors?: components["parameters"]["Colors"];
             };
             header?: {
                 /**
@@ -3203,6 +3209,8 @@ export interface operations {
             query?: {
                 /** @description Frame of the coordinates. `lps`: x to the left of the patient, y to the back, z to the head; `ras`: x to the right, y to the front. `source`: as the cloud has them. `request_invalid` where the cloud does not say its frame, and for `ras` in DICOM. */
                 space?: components["parameters"]["Space"];
+                /** @description Colours of the vertices, in PLY (red, green, blue) and GLB (COLOR_0, and _DISTANCE_TO_POINTS). `distance`: on the scale cividis from dark blue, on a point of the cloud, to yellow, at `surface.support_distance` of the report and beyond: what is yellow was guessed, not measured. The file says where the scale ends. `request_invalid` in other formats, and for snapshots of a job that has not succeeded. */
+                colors?: components["parameters"]["Colors"];
             };
             header?: {
                 /**

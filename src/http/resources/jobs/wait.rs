@@ -9,7 +9,7 @@ use axum::response::Response;
 use crate::http::AppState;
 use crate::http::resources::jobs::answer::{PREFERENCE_APPLIED, answer, url};
 use crate::http::resources::jobs::found::found;
-use crate::http::resources::meshes;
+use crate::http::resources::meshes::{self, View};
 use crate::http::resources::witness::witnessed;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::preferred_wait;
@@ -125,7 +125,8 @@ async fn until_ended(app: &AppState, job: &Job, wait: Duration) -> Result<Job> {
 
 /// The mesh itself, and where the job is that made it.
 async fn mesh(app: &AppState, caller: &Caller, job: &Job, format: Format) -> Result<Response> {
-    let response = meshes::respond(app, job, 0, (format, None), &HeaderMap::new()).await?;
+    let asked = (format, View::default());
+    let response = meshes::respond(app, job, 0, asked, &HeaderMap::new()).await?;
     let response = witnessed(app, caller, (Act::MeshRead, job.id.as_str()), response).await?;
     let mut response = meshes::varies(response);
     let described = format!("<{}>; rel=\"describedby\"", url(job));

@@ -10,7 +10,7 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
 
-use rendition::Rendition;
+use rendition::{Look, Rendition};
 
 use crate::http::AppState;
 use crate::http::api;
@@ -22,7 +22,7 @@ use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{NoQuery, Query};
 use crate::identity::Caller;
 use crate::jobs::{Act, Job, MeshInfo, Verdict};
-use crate::reconstruction::mesh::write::Format;
+use crate::reconstruction::mesh::write::{Colors, Format};
 use crate::reconstruction::space::Frame;
 
 /// Header that says how far the mesh can be relied on.
@@ -59,11 +59,11 @@ const ENDINGS: [(&str, Format); 8] = [
 pub(in crate::http) async fn negotiated(
     State(app): State<AppState>,
     caller: Caller,
-    InSpace(frame): InSpace,
+    view: View,
     Succeeded(job): Succeeded,
     headers: HeaderMap,
 ) -> Result<Response> {
-    let asked = (accepted(&headers)?, frame);
+    let asked = (accepted(&headers)?, view);
     let response = respond(&app, &job, 0, asked, &headers).await.map(varies)?;
     witnessed(&app, &caller, (Act::MeshRead, job.id.as_str()), response).await
 }
@@ -72,13 +72,13 @@ pub(in crate::http) async fn negotiated(
 pub(in crate::http) async fn result(
     State(app): State<AppState>,
     caller: Caller,
-    InSpace(frame): InSpace,
+    view: View,
     Succeeded(job): Succeeded,
     parts: Parts,
 ) -> Result<Response> {
     let (_, ending) = last_segment(&parts.uri);
     let format = ending.and_then(by_ending).ok_or_else(no_format)?;
-    let response = respond(&app, &job, 0, (format, frame), &parts.headers).await?;
+    let response = respond(&app, &job, 0, (format, view), &parts.headers).await?;
     witnessed(&app, &caller, (Act::MeshRead, job.id.as_str()), response).await
 }
 
@@ -128,7 +128,7 @@ pub(in crate::http) async fn snapshots(
 pub(in crate::http) async fn snapshot(
     State(app): State<AppState>,
     caller: Caller,
-    InSpace(frame): InSpace,
+    view: View,
     Found(job): Found,
     parts: Parts,
 ) -> Result<Response> {
@@ -142,7 +142,7 @@ pub(in crate::http) async fn snapshot(
         None => accepted(&parts.headers)?,
         Some(ending) => by_ending(ending).ok_or_else(no_format)?,
     };
-    let mut response = respond(&app, &job, evaluation, (format, frame), &parts.headers).await?;
+    let mut response = respond(&app, &job, evaluation, (format, view), &parts.headers).await?;
     if ending.is_none() {
         response = varies(response);
     }
@@ -174,11 +174,49 @@ pub(in crate::http) async fn model(
     witnessed(&app, &caller, (Act::ModelRead, job.id.as_str()), response).await
 }
 
-/// The frame that a mesh is asked for in, `space`; none for that of the cloud.
-#[derive(Debug, Clone, Copy)]
-pub(in crate::http) struct InSpace(Option<Frame>);
+/// How a mesh is asked for, whatever its format.
+#[derive(Debug, Clone, Copy, Default)]
+pub(in crate::http) struct View {
+    /// `space`; none for the frame of the cloud.
+    frame: Option<Frame>,
+    /// `colors`: by the distances to the points.
+    colors: bool,
+}
 
-impl FromRequestParts<AppState> for InSpace {
+impl View {
+    /// With the format and the scale of colours that the job's report gives.
+    ///
+    /// # Errors
+    /// [`Code::RequestInvalid`] where the format, or the job as it is now, does not have what is asked for.
+    fn in_format(self, format: Format, job: &Job) -> Result<Look> {
+        let refused = |name, detail| Err(ApiError::fault(Code::RequestInvalid, name, detail));
+        if format == Format::Dicom && self.frame == Some(Frame::Ras) {
+            return refused("/space", "a DICOM file is in lps, always");
+        }
+        let mut look = Look {
+            format,
+            frame: self.frame,
+            colors: None,
+        };
+        if !self.colors {
+            return Ok(look);
+        }
+        if !format.has_colors() {
+            return refused("/colors", "only ply and glb have colours");
+        }
+        let report = job.report.as_ref();
+        let most = report.and_then(|report| report["surface"]["support_distance"].as_f64());
+        look.colors = most.and_then(Colors::up_to);
+        if look.colors.is_none() {
+            let detail = "the scale of the colours is `surface.support_distance` of the report, which is not there; \
+                          a job that succeeds has it at its end";
+            return refused("/colors", detail);
+        }
+        Ok(look)
+    }
+}
+
+impl FromRequestParts<AppState> for View {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Self> {
@@ -189,37 +227,42 @@ impl FromRequestParts<AppState> for InSpace {
             "ras" => Ok(Some(Frame::Ras)),
             _ => Err("must be one of source, lps, ras".to_owned()),
         });
+        let colors = query.take("colors", |name| match name.as_str() {
+            "none" => Ok(false),
+            "distance" => Ok(true),
+            _ => Err("must be one of none, distance".to_owned()),
+        });
         query.finish()?;
-        Ok(Self(frame.flatten()))
+        Ok(Self {
+            frame: frame.flatten(),
+            colors: colors.unwrap_or_default(),
+        })
     }
 }
 
-/// The mesh of an evaluation, 0 for the result, as a download in a format and a frame.
+/// The mesh of an evaluation, 0 for the result, as a download in a format.
 ///
 /// # Errors
-/// [`Code::NotFound`], [`Code::Gone`], and those of encoding and download.
+/// [`Code::RequestInvalid`] of what cannot be shown, [`Code::NotFound`], [`Code::Gone`], and those of encoding and download.
 pub(in crate::http) async fn respond(
     app: &AppState,
     job: &Job,
     evaluation: u64,
-    (format, frame): (Format, Option<Frame>),
+    (format, view): (Format, View),
     headers: &HeaderMap,
 ) -> Result<Response> {
-    if format == Format::Dicom && frame == Some(Frame::Ras) {
-        let detail = "a DICOM file is in lps, always";
-        return Err(ApiError::fault(Code::RequestInvalid, "/space", detail));
-    }
+    let look = view.in_format(format, job)?;
     let mesh = stored(app, job, evaluation).await?;
     // That on a result is in its report, that on a snapshot came with it.
     let verdict = match evaluation {
         0 => job.report.as_ref().and_then(Verdict::of),
         _ => mesh.verdict,
     };
-    let (content, sha256) = if format == Format::PlyBinary && frame.is_none() {
+    let (content, sha256) = if look.is_stored() {
         let (store, sha256) = (app.store.clone(), mesh.sha256.clone());
         (Content::Stored { store, mesh }, sha256)
     } else {
-        let rendition = Rendition::of(job, evaluation, format, frame);
+        let rendition = Rendition::of(job, evaluation, look);
         app.meshes.get(&app.store, job, &mesh, rendition).await?
     };
     let stem = match evaluation {

@@ -8,15 +8,43 @@ use crate::folder::names::MASK;
 use crate::jobs::Job;
 use crate::reconstruction::mesh::read;
 use crate::reconstruction::mesh::write::dicom::{self, Instance};
-use crate::reconstruction::mesh::write::{Format, write};
+use crate::reconstruction::mesh::write::{Colors, Format, write_colored};
 use crate::reconstruction::slices::{Grid, write_mask};
 use crate::reconstruction::space::Frame;
+
+/// How a mesh is written.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::http) struct Look {
+    pub(super) format: Format,
+    /// None for the frame of the cloud.
+    pub(super) frame: Option<Frame>,
+    pub(super) colors: Option<Colors>,
+}
+
+impl Look {
+    /// Whether the mesh has it as it is stored.
+    pub(super) fn is_stored(self) -> bool {
+        self.format == Format::PlyBinary && self.frame.is_none() && self.colors.is_none()
+    }
+
+    fn name(self) -> String {
+        let mut name = self.format.name().to_owned();
+        if let Some(frame) = self.frame {
+            name = format!("{name}-{}", frame.name());
+        }
+        if let Some(colors) = self.colors {
+            // To the last bit: two jobs with one mesh may have other scales.
+            name = format!("{name}-colors{:016x}", colors.most().to_bits());
+        }
+        name
+    }
+}
 
 /// What a mesh becomes.
 #[derive(Debug, Clone)]
 pub(in crate::http) enum Rendition {
-    /// A file of a format, in a frame or as it is.
-    Mesh(Format, Option<Frame>),
+    /// A file of a format, in a frame or as it is, with colours or without.
+    Mesh(Look),
     /// A file for a picture archive.
     Dicom(Box<Instance>),
     /// A label map, under the name of its job.
@@ -25,9 +53,9 @@ pub(in crate::http) enum Rendition {
 
 impl Rendition {
     /// The mesh of an evaluation of a job, 0 for the result.
-    pub(super) fn of(job: &Job, evaluation: u64, format: Format, frame: Option<Frame>) -> Self {
-        if format != Format::Dicom {
-            return Self::Mesh(format, frame);
+    pub(super) fn of(job: &Job, evaluation: u64, look: Look) -> Self {
+        if look.format != Format::Dicom {
+            return Self::Mesh(look);
         }
         let report = job.report.as_ref();
         let identifiers = report.and_then(|report| report.get("identifiers").cloned());
@@ -45,8 +73,7 @@ impl Rendition {
     /// [`is_encoding`](crate::folder::names::is_encoding).
     pub(super) fn name(&self) -> String {
         match self {
-            Self::Mesh(format, None) => format.name().to_owned(),
-            Self::Mesh(format, Some(frame)) => format!("{}-{}", format.name(), frame.name()),
+            Self::Mesh(look) => look.name(),
             Self::Dicom(instance) => format!("dcm-{}-{}", instance.series, instance.number),
             Self::Mask(_, job) => format!("{MASK}-{job}"),
         }
@@ -55,14 +82,16 @@ impl Rendition {
     /// Writes it; `ply` is the mesh as it is stored.
     ///
     /// # Errors
-    /// `InvalidInput` where the format cannot hold the mesh, `Unsupported` where it cannot be turned into the frame.
+    /// `InvalidInput` where the format cannot hold the mesh, or the mesh has no distances to colour it by, `Unsupported` where it cannot be turned into the frame.
     pub(super) fn write(&self, ply: &[u8], out: &mut dyn Write) -> io::Result<()> {
         let mesh = read::read(ply, None).map_err(io::Error::other)?;
         match self {
-            Self::Mesh(format, None) => write(&mesh, *format, out),
-            Self::Mesh(format, Some(frame)) => {
-                let turned = mesh.in_frame(*frame).ok_or_else(unknown_frame)?;
-                write(&turned, *format, out)
+            Self::Mesh(look) => {
+                let mesh = match look.frame {
+                    None => mesh,
+                    Some(frame) => mesh.in_frame(frame).ok_or_else(unknown_frame)?,
+                };
+                write_colored(&mesh, look.format, look.colors, out)
             }
             Self::Dicom(instance) => dicom::write(&mesh, instance, out),
             Self::Mask(grid, _) => {
@@ -119,9 +148,19 @@ mod tests {
             size: [1; 3],
             affine: [[0.0; 4]; 3],
         };
+        let plain = Look {
+            format: Format::Stl,
+            frame: None,
+            colors: None,
+        };
+        let colored = Look {
+            format: Format::Glb,
+            frame: Some(Frame::Ras),
+            colors: Colors::up_to(0.1),
+        };
         for rendition in [
-            Rendition::Mesh(Format::Stl, None),
-            Rendition::Mesh(Format::PlyBinary, Some(Frame::Ras)),
+            Rendition::Mesh(plain),
+            Rendition::Mesh(colored),
             Rendition::Dicom(Box::default()),
             Rendition::Mask(grid, "job_0123".to_owned()),
         ] {

@@ -2,6 +2,7 @@
 //!
 //! Of the data set only the geometry and what segments are called is looked at.
 
+mod charset;
 mod contours;
 mod element;
 mod frames;

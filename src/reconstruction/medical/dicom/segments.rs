@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
+use super::charset::Charset;
 use super::element::DataSet;
 use super::frames::Frames;
 use super::pixels::Pixels;
@@ -144,13 +145,12 @@ fn coding(data_set: &DataSet<'_>) -> Result<Coding, Error> {
 /// Names and colours of the segments by their numbers.
 fn described(data_set: &DataSet<'_>) -> BTreeMap<u16, (Option<String>, Option<String>)> {
     let segments = data_set.items(tags::SEGMENT_SEQUENCE).iter();
+    let charset = Charset::of(data_set);
     let segment = |segment: &DataSet<'_>| {
         let number = segment.short(tags::SEGMENT_NUMBER)?;
         let lab = <[u16; 3]>::try_from(segment.shorts(tags::RECOMMENDED_COLOR)).ok();
-        Some((
-            number,
-            (name(segment.bytes(tags::SEGMENT_LABEL)), lab.map(of_lab)),
-        ))
+        let label = charset.utf8(segment.bytes(tags::SEGMENT_LABEL));
+        Some((number, (name(&label), lab.map(of_lab))))
     };
     // A label map may describe its background, which is zero.
     segments

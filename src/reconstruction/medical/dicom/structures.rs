@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::charset::Charset;
 use super::contours::Contour;
 use super::element::DataSet;
 use super::planes::Planes;
@@ -68,9 +69,10 @@ impl Left {
 pub(super) fn open<'a>(data_set: &DataSet<'_>) -> Result<Segmentation<'a>, Error> {
     let mut left = Left::default();
     let mut names: BTreeMap<i64, Option<String>> = BTreeMap::new();
+    let charset = Charset::of(data_set);
     for roi in data_set.items(tags::STRUCTURE_SEQUENCE) {
         if let Some(number) = roi.integer(tags::ROI_NUMBER) {
-            names.insert(number, name(roi.bytes(tags::ROI_NAME)));
+            names.insert(number, name(&charset.utf8(roi.bytes(tags::ROI_NAME))));
         }
     }
     let mut drawn: BTreeMap<i64, (Option<String>, Vec<Contour>)> = BTreeMap::new();

@@ -1,6 +1,7 @@
 //! The tags that are looked at, as group and element in one number.
 
 pub(super) const TRANSFER_SYNTAX: u32 = 0x0002_0010;
+pub(super) const CHARACTER_SET: u32 = 0x0008_0005;
 pub(super) const SOP_CLASS: u32 = 0x0008_0016;
 pub(super) const MODALITY: u32 = 0x0008_0060;
 pub(super) const IMAGE_POSITION: u32 = 0x0020_0032;

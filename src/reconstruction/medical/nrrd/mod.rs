@@ -66,6 +66,9 @@ pub(in crate::reconstruction) fn read<'a>(
     debug_assert!(data.len() >= count * scalar.size());
     let stride = |axis: usize| sizes[..axis].iter().product::<usize>();
     let list = (0..sizes.len()).find(|axis| !axes.contains(axis));
+    if let Some(axis) = list {
+        layered(&fields, axis, sizes[axis])?;
+    }
     let size = axes.map(|axis| sizes[axis]);
     let layers = list.map_or([1, count], |axis| [sizes[axis], stride(axis)]);
     let raster = Raster {
@@ -256,6 +259,24 @@ fn orientation_missing(space: Option<&str>) -> Error {
         None => "space and space directions are needed to say which side of the patient is left"
             .to_owned(),
     })
+}
+
+/// Refuses an axis of `size` components that are no layers: of vectors, colours, tensors.
+fn layered(fields: &Fields, axis: usize, size: usize) -> Result<(), Error> {
+    /// Kinds of axes whose samples can each be a label map; unknown ones have question marks.
+    const LAYERS: [&str; 8] = [
+        "list", "domain", "space", "time", "none", "???", "scalar", "stub",
+    ];
+    let kinds = fields.get("kinds").unwrap_or_default();
+    match kinds.split_ascii_whitespace().nth(axis) {
+        Some(kind) if size > 1 && !LAYERS.iter().any(|known| kind.eq_ignore_ascii_case(known)) => {
+            let kind = excerpt(kind.as_bytes());
+            Err(Error::UnsupportedFormat(format!(
+                "the voxels have {size} components of the kind {kind}; save one number for each voxel, the label"
+            )))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The raw data behind what is to be skipped.

@@ -4,32 +4,43 @@
 //! coordinates only, so a mesh far from the origin is stored around its middle and the node is
 //! moved there. glTF has y upwards and metres: where frame and unit are known, the node has the matrix that
 //! leads there, and names the frame that the stored coordinates belong to.
+//!
+//! Where colours are asked for, distances and colours come behind the indices, and the mesh says in its extras
+//! what the colours mean.
 
 use std::io::{self, Write};
 
 use serde_json::{Value, json};
 
-use super::{count_u32, fits_f32, has_normals, to_f32, write_f32};
+use super::{Colors, count_u32, distances, fits_f32, has_normals, to_f32, write_f32};
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::space::{Frame, Space};
 use crate::reconstruction::vector::{Vec3, multiplied, scale, sub};
 
 const FLOAT: u32 = 5126;
+const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
-pub(super) fn write(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
+/// Attribute of the distances: the format wants names of one's own to begin so.
+const DISTANCES: &str = "_DISTANCE_TO_POINTS";
+
+pub(super) fn write(
+    mesh: &TriangleMesh,
+    colors: Option<Colors>,
+    out: &mut impl Write,
+) -> io::Result<()> {
     let translation = mesh
         .bounds()
         .filter(|_| !fits_f32(mesh))
         .map(|bounds| bounds.centre());
     let origin = translation.unwrap_or_default();
-    let mut document = document(mesh, translation).to_string().into_bytes();
+    let mut document = document(mesh, colors, translation).to_string().into_bytes();
     // Chunks are multiples of 4 bytes; JSON is filled up with blanks. Floats and indices are 4
-    // bytes each, so the binary chunk needs no filling.
+    // bytes each, colours 8, so the binary chunk needs no filling.
     document.resize(document.len().next_multiple_of(4), b' ');
-    let binary = binary_length(mesh);
+    let binary = binary_length(mesh, colors);
 
     let chunks = if binary > 0 { 2 } else { 1 };
     out.write_all(b"glTF")?;
@@ -54,19 +65,29 @@ pub(super) fn write(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()>
     for v in mesh.triangles.iter().flatten() {
         out.write_all(&v.to_le_bytes())?;
     }
+    let Some(colors) = colors else { return Ok(()) };
+    for &distance in distances(mesh) {
+        out.write_all(&(distance as f32).to_le_bytes())?;
+    }
+    for &distance in distances(mesh) {
+        for channel in colors.linear(distance) {
+            out.write_all(&channel.to_le_bytes())?;
+        }
+    }
     Ok(())
 }
 
 /// Bytes of the buffer; none without triangles, because glTF has no empty meshes.
-fn binary_length(mesh: &TriangleMesh) -> usize {
+fn binary_length(mesh: &TriangleMesh, colors: Option<Colors>) -> usize {
     if mesh.triangles.is_empty() {
         return 0;
     }
     let attributes = if has_normals(mesh) { 2 } else { 1 };
-    12 * (attributes * mesh.vertices.len() + mesh.triangles.len())
+    let colored = colors.map_or(0, |_| 12 * mesh.vertices.len());
+    12 * (attributes * mesh.vertices.len() + mesh.triangles.len()) + colored
 }
 
-fn document(mesh: &TriangleMesh, translation: Option<Vec3>) -> Value {
+fn document(mesh: &TriangleMesh, colors: Option<Colors>, translation: Option<Vec3>) -> Value {
     let asset = json!({"version": "2.0", "generator": "Meshway"});
     if mesh.triangles.is_empty() {
         return json!({"asset": asset});
@@ -97,6 +118,29 @@ fn document(mesh: &TriangleMesh, translation: Option<Vec3>) -> Value {
         12 * mesh.triangles.len(),
         ELEMENT_ARRAY_BUFFER,
     ));
+    if colors.is_some() {
+        let behind = indices * block + 12 * mesh.triangles.len();
+        attributes[DISTANCES] = json!(indices + 1);
+        accessors.push(json!({
+            "bufferView": indices + 1, "componentType": FLOAT, "count": vertices, "type": "SCALAR",
+        }));
+        views.push(view(behind, 4 * vertices, ARRAY_BUFFER));
+        attributes["COLOR_0"] = json!(indices + 2);
+        accessors.push(json!({
+            "bufferView": indices + 2, "componentType": UNSIGNED_SHORT, "normalized": true,
+            "count": vertices, "type": "VEC4",
+        }));
+        views.push(view(behind + 4 * vertices, 8 * vertices, ARRAY_BUFFER));
+    }
+    let mut surface = json!({
+        "primitives": [{"attributes": attributes, "indices": indices, "material": 0}],
+    });
+    if let Some(colors) = colors {
+        let legend = json!({
+            "attribute": DISTANCES, "scale": Colors::SCALE, "from": 0.0, "to": colors.most(),
+        });
+        surface["extras"] = json!({"colors": legend});
+    }
     let mut node = json!({"mesh": 0});
     if let Some(matrix) = upright(mesh.space, translation.unwrap_or_default()) {
         node["matrix"] = json!(matrix);
@@ -109,12 +153,12 @@ fn document(mesh: &TriangleMesh, translation: Option<Vec3>) -> Value {
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [node],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}],
+        "meshes": [surface],
         // The default of the format is metal, which is dark where nothing surrounds it.
         "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0}}],
         "accessors": accessors,
         "bufferViews": views,
-        "buffers": [{"byteLength": binary_length(mesh)}],
+        "buffers": [{"byteLength": binary_length(mesh, colors)}],
     })
 }
 

@@ -2,6 +2,7 @@
 //!
 //! The same mesh gives the same bytes: no file carries a date, a path or a version.
 
+mod colors;
 pub mod dicom;
 mod glb;
 mod obj;
@@ -17,6 +18,7 @@ use std::io::{self, BufWriter, Write};
 
 use serde::{Deserialize, Serialize};
 
+pub use self::colors::Colors;
 use self::dicom::Instance;
 use super::TriangleMesh;
 use crate::reconstruction::vector::{Bounds, Vec3};
@@ -101,6 +103,11 @@ impl Format {
         }
     }
 
+    /// Whether its vertices can have [`Colors`].
+    pub fn has_colors(self) -> bool {
+        matches!(self, Self::PlyBinary | Self::PlyAscii | Self::Glb)
+    }
+
     /// Media type; PLY, OFF and VTP have no registered one.
     pub fn media_type(self) -> &'static str {
         match self {
@@ -123,14 +130,37 @@ impl Format {
 /// can hold, lies so far from the origin that the 32-bit coordinates of STL would tear it, or does not say
 /// its frame, which DICOM needs.
 pub fn write(mesh: &TriangleMesh, format: Format, out: &mut dyn Write) -> io::Result<()> {
+    write_colored(mesh, format, None, out)
+}
+
+/// [`write`](write()) with colours by distance, where they are asked for.
+///
+/// # Errors
+/// Those of `write`, and `InvalidInput` where the format has no colours or the mesh no distances.
+pub fn write_colored(
+    mesh: &TriangleMesh,
+    format: Format,
+    colors: Option<Colors>,
+    out: &mut dyn Write,
+) -> io::Result<()> {
+    let why_not = match colors {
+        Some(_) if !format.has_colors() => Some("only ply and glb have colours"),
+        Some(_) if distances(mesh).len() != mesh.vertices.len() => {
+            Some("the mesh does not have the distances to its points, so it has no colours")
+        }
+        _ => None,
+    };
+    if let Some(why) = why_not {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, why));
+    }
     let mut out = BufWriter::with_capacity(1 << 16, out);
     match format {
-        Format::PlyBinary => ply::write_binary(mesh, &mut out),
-        Format::PlyAscii => ply::write_ascii(mesh, &mut out),
+        Format::PlyBinary => ply::write_binary(mesh, colors, &mut out),
+        Format::PlyAscii => ply::write_ascii(mesh, colors, &mut out),
         Format::Obj => obj::write(mesh, &mut out),
         Format::Stl => stl::write(mesh, &mut out),
         Format::Off => off::write(mesh, &mut out),
-        Format::Glb => glb::write(mesh, &mut out),
+        Format::Glb => glb::write(mesh, colors, &mut out),
         Format::ThreeMf => three_mf::write(mesh, &mut out),
         Format::Vtp => vtp::write(mesh, &mut out),
         Format::Dicom => dicom::write(mesh, &Instance::of(mesh), &mut out),
@@ -190,12 +220,20 @@ fn write_text<T: Display>([x, y, z]: [T; 3], out: &mut impl Write) -> io::Result
     write!(out, "{x} {y} {z}")
 }
 
-/// The vertices with their normals if asked for, and `more` values, one each or none, then the
-/// triangles, a line each: the body of PLY and OFF.
+/// What stands behind the coordinates of a vertex.
+#[derive(Default)]
+struct Columns<'a> {
+    normals: bool,
+    /// One each, or none.
+    distances: &'a [f64],
+    /// Of the distances.
+    colors: Option<Colors>,
+}
+
+/// The vertices, then the triangles, a line each: the body of PLY and OFF.
 fn write_tables(
     mesh: &TriangleMesh,
-    normals: bool,
-    more: &[f64],
+    columns: &Columns<'_>,
     out: &mut impl Write,
 ) -> io::Result<()> {
     let short = fits_f32(mesh);
@@ -205,14 +243,19 @@ fn write_tables(
         } else {
             write_text(vertex, out)?;
         }
-        if normals {
+        if columns.normals {
             out.write_all(b" ")?;
             write_text(to_f32(mesh.normals[i]), out)?;
         }
-        match more.get(i) {
-            Some(&value) if short => write!(out, " {}", value as f32)?,
-            Some(value) => write!(out, " {value}")?,
+        let distance = columns.distances.get(i).copied();
+        match distance {
+            Some(distance) if short => write!(out, " {}", distance as f32)?,
+            Some(distance) => write!(out, " {distance}")?,
             None => {}
+        }
+        if let (Some(colors), Some(distance)) = (columns.colors, distance) {
+            out.write_all(b" ")?;
+            write_text(colors.bytes(distance), out)?;
         }
         out.write_all(b"\n")?;
     }

@@ -2,12 +2,12 @@
 
 use std::io::{self, Write};
 
-use super::write_tables;
+use super::{Columns, write_tables};
 use crate::reconstruction::mesh::TriangleMesh;
 
 pub(super) fn write(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
     writeln!(out, "OFF")?;
     // The number of edges is never read.
     writeln!(out, "{} {} 0", mesh.vertices.len(), mesh.triangles.len())?;
-    write_tables(mesh, false, &[], out)
+    write_tables(mesh, &Columns::default(), out)
 }

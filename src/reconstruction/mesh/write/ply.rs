@@ -1,14 +1,18 @@
 //! PLY, after G. Turk, The PLY Polygon File Format, 1994; with a property of our own,
-//! `distance_to_points`, in the precision of the coordinates.
+//! `distance_to_points`, in the precision of the coordinates, and with colours by it where they are asked for.
 
 use std::io::{self, Write};
 
-use super::{distances, fits_f32, has_normals, to_f32, write_f32, write_tables};
+use super::{Colors, Columns, distances, fits_f32, has_normals, to_f32, write_f32, write_tables};
 use crate::reconstruction::mesh::{DISTANCE, TriangleMesh};
 
-pub(super) fn write_binary(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
+pub(super) fn write_binary(
+    mesh: &TriangleMesh,
+    colors: Option<Colors>,
+    out: &mut impl Write,
+) -> io::Result<()> {
     let short = fits_f32(mesh);
-    header(mesh, "binary_little_endian", short, out)?;
+    header(mesh, colors, ("binary_little_endian", short), out)?;
     let (normals, distances) = (has_normals(mesh), distances(mesh));
     for (i, &vertex) in mesh.vertices.iter().enumerate() {
         if short {
@@ -26,6 +30,9 @@ pub(super) fn write_binary(mesh: &TriangleMesh, out: &mut impl Write) -> io::Res
             Some(distance) => out.write_all(&distance.to_le_bytes())?,
             None => {}
         }
+        if let (Some(colors), Some(&distance)) = (colors, distances.get(i)) {
+            out.write_all(&colors.bytes(distance))?;
+        }
     }
     for triangle in &mesh.triangles {
         let mut record = [0; 13];
@@ -38,21 +45,34 @@ pub(super) fn write_binary(mesh: &TriangleMesh, out: &mut impl Write) -> io::Res
     Ok(())
 }
 
-pub(super) fn write_ascii(mesh: &TriangleMesh, out: &mut impl Write) -> io::Result<()> {
-    header(mesh, "ascii", fits_f32(mesh), out)?;
-    write_tables(mesh, has_normals(mesh), distances(mesh), out)
+pub(super) fn write_ascii(
+    mesh: &TriangleMesh,
+    colors: Option<Colors>,
+    out: &mut impl Write,
+) -> io::Result<()> {
+    header(mesh, colors, ("ascii", fits_f32(mesh)), out)?;
+    let columns = Columns {
+        normals: has_normals(mesh),
+        distances: distances(mesh),
+        colors,
+    };
+    write_tables(mesh, &columns, out)
 }
 
 fn header(
     mesh: &TriangleMesh,
-    encoding: &str,
-    short: bool,
+    colors: Option<Colors>,
+    (encoding, short): (&str, bool),
     out: &mut impl Write,
 ) -> io::Result<()> {
     let coordinate = if short { "float" } else { "double" };
     writeln!(out, "ply\nformat {encoding} 1.0\ncomment Meshway")?;
     for tag in mesh.space.tags() {
         writeln!(out, "comment {tag}")?;
+    }
+    if let Some(colors) = colors {
+        let (scale, most) = (Colors::SCALE, colors.most());
+        writeln!(out, "comment colors: {scale} of {DISTANCE}, 0 to {most}")?;
     }
     writeln!(out, "element vertex {}", mesh.vertices.len())?;
     for name in ["x", "y", "z"] {
@@ -66,6 +86,12 @@ fn header(
     }
     if !distances(mesh).is_empty() {
         writeln!(out, "property {coordinate} {DISTANCE}")?;
+    }
+    if colors.is_some() {
+        writeln!(
+            out,
+            "property uchar red\nproperty uchar green\nproperty uchar blue"
+        )?;
     }
     writeln!(out, "element face {}", mesh.triangles.len())?;
     // Signed, as the format's own examples have it: some programs read nothing else.
