@@ -9,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::config::Config;
 use crate::folder::{CACHE, Disk};
+use crate::http::api;
 use crate::http::door::keys::Minutely;
 use crate::http::resources::events::feed::Feed;
 use crate::http::resources::meshes::cache::MeshCache;
@@ -17,7 +18,7 @@ use crate::http::telemetry::{Telemetry, own};
 use crate::http::upload::bodies::Bodies;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::intake::Reader;
-use crate::jobs::{Store, Workers};
+use crate::jobs::{Place, Store, Workers};
 
 /// Shared by all requests.
 pub type AppState = Arc<App>;
@@ -106,6 +107,14 @@ impl App {
             workers,
             shutdown,
         })
+    }
+
+    /// A place in the queue as clients see it.
+    pub(in crate::http) fn shown(&self, place: &Place) -> api::Place {
+        api::Place {
+            queue_position: place.position,
+            eta_seconds: place.eta_seconds(self.config.workers),
+        }
     }
 
     /// Whether new work is taken.

@@ -67,6 +67,14 @@ impl Caller {
         }
     }
 
+    /// What limits are counted by: the id of the key; empty without one.
+    pub fn account(&self) -> &str {
+        match &self.actor {
+            Actor::Anybody | Actor::Stranger => "",
+            Actor::Key { id, .. } => id,
+        }
+    }
+
     /// Whether the caller may do this.
     pub fn may(&self, scope: Scope) -> bool {
         self.scopes.has(scope)

@@ -15,6 +15,7 @@ mod server;
 mod soak;
 mod store;
 mod trust;
+mod turns;
 mod who;
 mod wire;
 mod work;

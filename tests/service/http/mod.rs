@@ -19,6 +19,7 @@ pub(crate) mod support;
 mod system;
 pub(crate) mod tenants;
 mod trail;
+mod turns;
 mod uploads;
 mod verdicts;
 mod waits;

@@ -933,13 +933,20 @@ export interface components {
             settings?: components["schemas"]["Settings"];
             labels?: components["schemas"]["Labels"];
             source?: components["schemas"]["Source"];
+            priority?: components["schemas"]["Priority"];
         };
         Retry: {
             preset?: components["schemas"]["PresetName"];
             settings?: components["schemas"]["Settings"];
             labels?: components["schemas"]["Labels"];
             source?: components["schemas"]["Source"];
+            priority?: components["schemas"]["Priority"];
         };
+        /**
+         * @description Jobs of the tenant with a higher one go first. Between tenants it counts nothing.
+         * @default 0
+         */
+        Priority: number;
         /** @description The settings as they would be, and an estimate. */
         DryRun: {
             /** @constant */
@@ -1125,10 +1132,12 @@ export interface components {
             failures?: number;
             cancel_requested?: boolean;
             progress: number;
-            /** @description Estimated seconds to the end. */
+            /** @description Estimated seconds to the end, also while it waits. */
             eta_seconds: number | null;
-            /** @description 1 is next. */
+            /** @description 1 is next. Tenants take turns, so later jobs of others may go first. */
             queue_position: number | null;
+            /** @description Jobs of the tenant with a higher one go first. */
+            priority?: number;
             evaluations?: number;
             loss?: number | null;
             /** @description Id of its newest event. */
@@ -1760,6 +1769,7 @@ export interface components {
             labels: number;
             /** @description Of the key and of the value of a label. */
             label_characters: number;
+            priority?: components["schemas"]["NumberBounds"];
             /** @description Entries of a list of evaluations in the settings. */
             chosen_evaluations: number;
             /** @description Memory of a grid, as it is estimated; null without a limit. */
