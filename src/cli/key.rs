@@ -51,13 +51,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Sink::new(Path::new("-"))?.write(|out| write!(out, "{}\n\n{block}", secret.reveal()))
 }
 
+/// A text in TOML.
+pub(super) fn quoted(text: &str) -> String {
+    toml::Value::from(text).to_string()
+}
+
+/// Texts in TOML.
+pub(super) fn list(items: Vec<String>) -> String {
+    let items: Vec<_> = items.iter().map(|item| quoted(item)).collect();
+    format!("[{}]", items.join(", "))
+}
+
 impl New {
     fn block(&self, secret: &Secret) -> String {
-        let quoted = |text: &str| toml::Value::from(text).to_string();
-        let list = |items: Vec<String>| {
-            let items: Vec<_> = items.iter().map(|item| quoted(item)).collect();
-            format!("[{}]", items.join(", "))
-        };
         let mut lines = vec![
             "[[keys]]".to_owned(),
             format!("name = {}", quoted(&self.name)),

@@ -121,6 +121,9 @@ async fn serve(
     // The last server may have died after erasing something and before this.
     store.shred();
 
+    for key in store.keys().await.map_err(failed)? {
+        config.keys.add(key);
+    }
     let tls = tls(config)?;
     let listen = |error| Failure::Output(format!("--listen {}: {error}", config.listen));
     let listener = TcpListener::bind(config.listen).await.map_err(listen)?;

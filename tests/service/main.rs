@@ -11,6 +11,7 @@ mod full_disk;
 mod http;
 mod kind_jobs;
 mod medical_jobs;
+mod people;
 mod server;
 mod soak;
 mod store;

@@ -39,7 +39,7 @@ impl Acts<'_> {
     /// answer; all in one transaction. An answer means that the job is on disk.
     ///
     /// # Errors
-    /// `QueueFull`, `CloudMissing`.
+    /// `QueueFull`, `CloudMissing`, `Quota`.
     pub async fn submit(self, new: NewJob, idempotency: Option<Idempotency>) -> Result<Job> {
         let caller = self.caller.clone();
         self.store
@@ -224,6 +224,7 @@ impl Transaction<'_> {
         if waiting as u64 >= limit {
             return Err(Error::QueueFull { limit });
         }
+        self.check_job(caller).await?;
         let id = JobId::new();
         sqlx::query(
             "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, derived_from,
@@ -241,7 +242,7 @@ impl Transaction<'_> {
         .bind(caller.tenant.as_str())
         .bind(new.priority)
         .bind(cost_ms(new.cost_seconds))
-        .bind(caller.account())
+        .bind(caller.account().into_owned())
         .execute(&mut *self.db)
         .await?;
         let queued = NewEvent::Queued {

@@ -13,5 +13,6 @@ pub(in crate::jobs::store) mod meshes;
 pub(in crate::jobs::store) mod metrics;
 pub(in crate::jobs::store) mod outcome;
 pub(in crate::jobs::store) mod queue;
+pub(in crate::jobs::store) mod quotas;
 pub(in crate::jobs::store) mod row;
 pub(in crate::jobs::store) mod tombstones;

@@ -22,7 +22,8 @@ const COMPUTE_DAYS: i64 = 40;
 /// was set forward must not use up the day of a tenant.
 const LONGEST_COUNT_MS: i64 = 60_000;
 
-const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
+/// Days of worked time are those of UTC.
+pub(in crate::jobs::store) const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
 
 impl Records<'_> {
     /// Where a waiting job of the tenant stands; none when it does not wait.
