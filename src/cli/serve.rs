@@ -14,7 +14,7 @@ use super::data_folder::DataFolder;
 use super::files::Sink;
 use super::worker::Orders;
 use super::{Cli, Command, Failure, Substitute, logging, upkeep};
-use crate::config::{Config, file_arguments};
+use crate::config::{ClientAuth, Config, file_arguments};
 use crate::http::{self, App, Tls, TlsFiles};
 use crate::identity::Keyring;
 use crate::jobs::{Store, Supervisor, store, supervisor, worker};
@@ -202,6 +202,7 @@ fn tls(config: &Config) -> Result<Option<Arc<Tls>>, Failure> {
         cert,
         key,
         client_ca,
+        client_optional: config.tls_client_auth == ClientAuth::Optional,
     };
     let tls = Tls::load(files).map_err(|error| Failure::Usage(format!("TLS: {error}")))?;
     Ok(Some(Arc::new(tls)))

@@ -70,13 +70,13 @@ fn ask(name: &str) -> Result<String, Failure> {
 
 impl Passwd {
     fn block(&self, password: &Password) -> String {
-        let scopes = self.scopes.iter().map(ToString::to_string).collect();
+        let scopes: Vec<_> = self.scopes.iter().map(ToString::to_string).collect();
         format!(
             "[[users]]\nname = {}\ntenant = {}\npassword = {}\nscopes = {}\n",
             quoted(&self.name),
             quoted(self.tenant.as_str()),
             quoted(&password.to_string()),
-            list(scopes),
+            list(&scopes),
         )
     }
 }

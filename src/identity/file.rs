@@ -190,7 +190,7 @@ pub fn of_account(limits: Limits) -> Result<Limits, String> {
 }
 
 fn tenant(name: Option<&str>) -> Result<Tenant, String> {
-    let tenant = name.map(|name| name.parse::<Tenant>()).transpose();
+    let tenant = name.map(str::parse::<Tenant>).transpose();
     Ok(tenant
         .map_err(|error| error.to_string())?
         .unwrap_or_default())

@@ -54,7 +54,10 @@ async fn a_password_of_the_command_line_signs_in_until_the_file_has_another_one(
     fs::write(&file, block("battery staple")).unwrap();
     kill_process(server.pid(), Signal::HUP).unwrap();
     until("the keys were read again", PATIENCE, async || {
-        server.log().contains("the keys were read again").then_some(())
+        server
+            .log()
+            .contains("the keys were read again")
+            .then_some(())
     })
     .await;
     assert_eq!(sign_in("correct horse").await.status, 401);
