@@ -1,5 +1,5 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-medical bench-service soak fuzz-medical deny clean
+.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-medical bench-service soak soak-audit fuzz-medical deny clean
 .DEFAULT_GOAL := help
 
 help:
@@ -18,6 +18,7 @@ help:
 	@echo "make bench-medical  label maps of known solids, beside VTK, which it installs under target/"
 	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
 	@echo "make soak    jobs under random faults; MINUTES=10"
+	@echo "make soak-audit  the audit trail of a service that is killed again and again; KILLS=500"
 	@echo "make fuzz-medical  120,000 damaged label maps and DICOM files"
 	@echo "make check   format, lints, documentation"
 	@echo "make deny    licences, sources and duplicate crates"
@@ -103,6 +104,11 @@ bench-service: build
 
 soak: setup
 	@./scripts/soak.sh $(MINUTES)
+
+KILLS ?= 500
+
+soak-audit: setup web
+	MESHWAY_AUDIT_KILLS=$(KILLS) cargo test --locked --test service -- --exact trust::every_answer_has_its_row_once_however_the_service_dies
 
 fuzz-medical: setup
 	cargo nextest run --locked --run-ignored only --no-capture -E 'test(many_damaged_segmentations)'

@@ -109,6 +109,13 @@ serve --tls-client-ca own.pem
 [ "$(ask --cert client.pem --key client.key)" = 200 ] || fail "a client with its certificate is refused"
 end
 
+serve --tls-client-ca own.pem --tls-client-auth optional
+[ "$(ask -D head)" = 200 ] || fail "a client without a certificate is refused where none is needed"
+grep -qi '^strict-transport-security: max-age=' head || fail "browsers are not told to stay on TLS"
+[ "$(ask --cert client.pem --key client.key)" = 200 ] || fail "a client with its certificate is refused"
+! ask --cert stranger.pem --key stranger.key 2>/dev/null || fail "a stranger is answered"
+end
+
 cp second.key key.pem
 said=$("$program" serve --listen 127.0.0.1:0 --data-dir data --tls-cert cert.pem --tls-key key.pem 2>&1) &&
   fail "a key of another certificate is taken"

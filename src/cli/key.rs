@@ -51,27 +51,31 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Sink::new(Path::new("-"))?.write(|out| write!(out, "{}\n\n{block}", secret.reveal()))
 }
 
+/// A text in TOML.
+pub(super) fn quoted(text: &str) -> String {
+    toml::Value::from(text).to_string()
+}
+
+/// Texts in TOML.
+pub(super) fn list(items: &[String]) -> String {
+    let items: Vec<_> = items.iter().map(|item| quoted(item)).collect();
+    format!("[{}]", items.join(", "))
+}
+
 impl New {
     fn block(&self, secret: &Secret) -> String {
-        let quoted = |text: &str| toml::Value::from(text).to_string();
-        let list = |items: Vec<String>| {
-            let items: Vec<_> = items.iter().map(|item| quoted(item)).collect();
-            format!("[{}]", items.join(", "))
-        };
+        let scopes: Vec<_> = self.scopes.iter().map(ToString::to_string).collect();
         let mut lines = vec![
             "[[keys]]".to_owned(),
             format!("name = {}", quoted(&self.name)),
             format!("tenant = {}", quoted(self.tenant.as_str())),
             format!("hash = {}", quoted(&secret.hash().to_string())),
-            format!(
-                "scopes = {}",
-                list(self.scopes.iter().map(ToString::to_string).collect())
-            ),
+            format!("scopes = {}", list(&scopes)),
         ];
         lines.extend(self.expires.as_ref().map(|end| format!("expires = {end}")));
         if !self.networks.is_empty() {
-            let networks = self.networks.iter().map(ToString::to_string).collect();
-            lines.push(format!("networks = {}", list(networks)));
+            let networks: Vec<_> = self.networks.iter().map(ToString::to_string).collect();
+            lines.push(format!("networks = {}", list(&networks)));
         }
         lines.join("\n") + "\n"
     }

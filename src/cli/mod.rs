@@ -18,6 +18,7 @@ mod reconstruct;
 mod sample;
 mod serve;
 mod upkeep;
+mod user;
 mod verify;
 mod worker;
 
@@ -55,6 +56,8 @@ enum Command {
     Serve(Box<serve::Arguments>),
     /// Make keys for a service.
     Key(key::Arguments),
+    /// Make passwords of people for a service.
+    User(user::Arguments),
     /// Check or export the audit trail of a service.
     Audit(audit::Arguments),
     /// Print what completes the command line in a shell.
@@ -115,6 +118,7 @@ fn run(cli: Cli, substitute: Option<&Substitute>) -> ExitCode {
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Presets(arguments) => presets::run(&arguments),
         Command::Key(arguments) => key::run(&arguments),
+        Command::User(arguments) => user::run(&arguments),
         Command::Audit(arguments) => audit::run(&arguments),
         Command::Completions(arguments) => documents::completions(&arguments),
         Command::Man(arguments) => documents::man(&arguments),

@@ -14,7 +14,7 @@ use super::data_folder::DataFolder;
 use super::files::Sink;
 use super::worker::Orders;
 use super::{Cli, Command, Failure, Substitute, logging, upkeep};
-use crate::config::{Config, file_arguments};
+use crate::config::{ClientAuth, Config, file_arguments};
 use crate::http::{self, App, Tls, TlsFiles};
 use crate::identity::Keyring;
 use crate::jobs::{Store, Supervisor, store, supervisor, worker};
@@ -128,6 +128,9 @@ async fn serve(
     // The last server may have died after erasing something and before this.
     store.shred();
 
+    for key in store.keys().await.map_err(failed)? {
+        config.keys.add(key);
+    }
     let tls = tls(config)?;
     let listen = |error| Failure::Output(format!("--listen {}: {error}", config.listen));
     let listener = TcpListener::bind(config.listen).await.map_err(listen)?;
@@ -206,6 +209,7 @@ fn tls(config: &Config) -> Result<Option<Arc<Tls>>, Failure> {
         cert,
         key,
         client_ca,
+        client_optional: config.tls_client_auth == ClientAuth::Optional,
     };
     let tls = Tls::load(files).map_err(|error| Failure::Usage(format!("TLS: {error}")))?;
     Ok(Some(Arc::new(tls)))

@@ -1,5 +1,5 @@
 //! What a service does besides answering: it reads its keys again when it is told to, and looks after
-//! its audit trail.
+//! its audit trail and the worked time.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -51,6 +51,9 @@ pub(super) async fn keep_audit(store: Store, config: Config) {
             Ok(0) => {}
             Ok(rows) => tracing::info!(rows, "old rows of the audit trail were removed"),
             Err(error) => tracing::warn!(error.message = %error, "the audit trail was not pruned"),
+        }
+        if let Err(error) = store.forget_compute().await {
+            tracing::warn!(error.message = %error, "old worked time was not forgotten");
         }
         match store.audit_head().await {
             Ok(head) if head.seq > 0 => {

@@ -11,8 +11,8 @@ use toml::de::{DeTable, DeValue};
 
 use crate::nearest::did_you_mean;
 
-/// The part of the file that is no setting: [`crate::identity::Keyring`] reads it.
-const KEYS: &str = "keys";
+/// The parts of the file that are no settings: [`crate::identity::Keyring`] reads them.
+const KEYS: [&str; 3] = ["keys", "users", "tenants"];
 
 /// Why a configuration file is refused.
 #[derive(Debug, Error)]
@@ -43,7 +43,7 @@ pub fn file_arguments(text: &str, command: &Command) -> Result<Vec<OsString>, Fi
     let (mut arguments, mut faults) = (Vec::new(), Vec::new());
     for (key, value) in table.get_ref() {
         let name = key.get_ref().as_ref();
-        if name == KEYS {
+        if KEYS.contains(&name) {
             continue;
         }
         match file_argument(name, value.get_ref(), &known, &alone) {

@@ -55,6 +55,15 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_TLS_CLIENT_CA")]
     pub tls_client_ca: Option<PathBuf>,
 
+    /// What is asked of clients with --tls-client-ca.
+    #[arg(
+        long,
+        env = "MESHWAY_TLS_CLIENT_AUTH",
+        default_value = "required",
+        value_enum
+    )]
+    pub tls_client_auth: ClientAuth,
+
     /// Names that the service goes by besides localhost and its addresses, with commas between
     /// them; `*`: all. A request for another host is refused: it may come from a web page.
     #[arg(long, env = "MESHWAY_ALLOWED_HOSTS", default_value = "")]
@@ -197,6 +206,16 @@ fn base_path(text: &str) -> Result<String, String> {
     }
 }
 
+/// What is asked of clients in the handshake.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum ClientAuth {
+    /// A certificate of a known authority.
+    Required,
+    /// Such a certificate or none.
+    Optional,
+}
+
 /// Format of the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
@@ -264,7 +283,8 @@ impl Config {
     /// What contradicts itself or the machine, each in one sentence.
     pub fn problems(&self, cores: usize) -> Vec<String> {
         let mut problems = Vec::new();
-        let known = self.tls_client_ca.is_some() || !self.keys.is_empty();
+        let shown = self.tls_client_ca.is_some() && self.tls_client_auth == ClientAuth::Required;
+        let known = shown || !self.keys.is_empty();
         if !self.listen.ip().is_loopback() && !known && !self.allow_unauthenticated {
             problems.push(format!(
                 "--listen {}: others can reach this address and there are no keys; put some into \

@@ -27,7 +27,7 @@ use axum::routing::{MethodFilter, MethodRouter, on};
 use crate::config::Config;
 use crate::identity::Scope;
 use door::{base, keys, observe, origin, tags};
-use resources::{clouds, events, field, jobs, meshes, series, trust};
+use resources::{clouds, events, field, jobs, meshes, series, session, trust};
 use tower::util::option_layer;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{Predicate, SizeAbove};
@@ -45,7 +45,7 @@ pub use wire::error;
 const PREFLIGHT: Duration = Duration::from_mins(10);
 
 /// Response headers that such a page may read.
-const EXPOSED: [&str; 12] = [
+const EXPOSED: [&str; 14] = [
     "content-disposition",
     "content-range",
     "etag",
@@ -55,6 +55,8 @@ const EXPOSED: [&str; 12] = [
     "meshway-origin",
     "meshway-verdict",
     "preference-applied",
+    "ratelimit",
+    "ratelimit-policy",
     "retry-after",
     "www-authenticate",
     "x-request-id",
@@ -119,9 +121,11 @@ fn results() -> Vec<Operation> {
         get("/v1/limits", READ, system::limits),
         get("/v1/version", READ, system::version),
         get("/v1/keys", ADMIN, trust::keys),
+        post("/v1/keys", ADMIN, trust::create_key),
+        delete("/v1/keys/{id}", ADMIN, trust::delete_key),
         get("/v1/audit", AUDIT, trust::audit),
-        post("/v1/session", READ, trust::sign_in),
-        delete("/v1/session", OPEN, trust::sign_out),
+        post("/v1/session", READ, session::sign_in),
+        delete("/v1/session", OPEN, session::sign_out),
         get("/livez", OPEN, system::livez),
         get("/readyz", OPEN, system::readyz),
         get("/metrics", ADMIN, system::metrics),

@@ -9,7 +9,11 @@ use tokio_util::sync::CancellationToken;
 
 use crate::config::Config;
 use crate::folder::{CACHE, Disk};
+use crate::http::api;
 use crate::http::door::keys::Minutely;
+use crate::http::door::limits::Windows;
+use crate::http::door::passwords::Passwords;
+use crate::http::door::sessions::Sessions;
 use crate::http::resources::events::feed::Feed;
 use crate::http::resources::meshes::cache::MeshCache;
 use crate::http::telemetry::gauges::Gauges;
@@ -17,7 +21,7 @@ use crate::http::telemetry::{Telemetry, own};
 use crate::http::upload::bodies::Bodies;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::intake::Reader;
-use crate::jobs::{Store, Workers};
+use crate::jobs::{Place, Store, Workers};
 
 /// Shared by all requests.
 pub type AppState = Arc<App>;
@@ -43,6 +47,12 @@ pub struct App {
     pub(in crate::http) strangers: Minutely<Option<IpAddr>>,
     /// Ids of keys whose use was noted a short while ago.
     pub(in crate::http) uses: Minutely<Arc<str>>,
+    /// Requests of tenants and keys in the present minute.
+    pub(in crate::http) windows: Windows,
+    /// People who have signed in.
+    pub(in crate::http) sessions: Sessions,
+    /// Passwords that were tried.
+    pub(in crate::http) passwords: Passwords,
     /// Reads uploads.
     pub(in crate::http) reader: Reader,
     /// Memory for bodies that are held in memory.
@@ -97,6 +107,9 @@ impl App {
             telemetry,
             strangers: Minutely::default(),
             uses: Minutely::default(),
+            windows: Windows::default(),
+            sessions: Sessions::default(),
+            passwords: Passwords::default(),
             started_at: store.now(),
             cloud_files: RwLock::new(()),
             reader: Reader::new(config.max_points, config.body_limit_bytes(), program),
@@ -106,6 +119,14 @@ impl App {
             workers,
             shutdown,
         })
+    }
+
+    /// A place in the queue as clients see it.
+    pub(in crate::http) fn shown(&self, place: &Place) -> api::Place {
+        api::Place {
+            queue_position: place.position,
+            eta_seconds: place.eta_seconds(self.config.workers),
+        }
     }
 
     /// Whether new work is taken.

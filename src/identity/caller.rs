@@ -1,9 +1,10 @@
 //! Who sent a request.
 
+use std::borrow::Cow;
 use std::net::IpAddr;
 use std::sync::Arc;
 
-use super::{Scope, Scopes, Tenant};
+use super::{Allowance, Scope, Scopes, Tenant};
 
 /// Who acts, as the audit trail names them.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -19,6 +20,11 @@ pub enum Actor {
         /// First digits of the key's hash.
         id: Arc<str>,
     },
+    /// Somebody who signed in with a password.
+    User {
+        /// Name in the configuration.
+        name: Arc<str>,
+    },
 }
 
 /// Who sent a request, and from where. Cheap to clone.
@@ -30,6 +36,8 @@ pub struct Caller {
     pub scopes: Scopes,
     /// Who it is.
     pub actor: Actor,
+    /// What may be taken.
+    pub allowance: Allowance,
     /// The other end of the connection.
     pub address: Option<IpAddr>,
     /// The id of the request.
@@ -43,6 +51,7 @@ impl Caller {
             tenant: Tenant::default(),
             scopes: Scopes::all(),
             actor: Actor::Anybody,
+            allowance: Allowance::default(),
             address: None,
             request: "".into(),
         }
@@ -64,6 +73,16 @@ impl Caller {
             address,
             request: request.into(),
             ..self
+        }
+    }
+
+    /// What limits are counted by: the id of the key, or the name of the user; empty for others.
+    pub fn account(&self) -> Cow<'_, str> {
+        match &self.actor {
+            Actor::Anybody | Actor::Stranger => Cow::Borrowed(""),
+            Actor::Key { id, .. } => Cow::Borrowed(id),
+            // No id of a key has a colon.
+            Actor::User { name } => Cow::Owned(format!("user:{name}")),
         }
     }
 

@@ -1,4 +1,4 @@
-//! The keys of a service, from its configuration file.
+//! The keys and users of a service, from its configuration file and, made by its API, from its database.
 //!
 //! ```toml
 //! [[keys]]
@@ -8,22 +8,27 @@
 //! scopes = ["read", "write"]
 //! expires = 2027-12-31                # the last day, in UTC; or a moment: 2027-12-31T12:00:00Z
 //! networks = ["10.20.0.0/16"]         # addresses that it may come from; all where it is left out
+//! limits = { requests_per_minute = 600, queued_jobs = 20, compute_seconds_per_day = 3600 }
+//!
+//! [[users]]
+//! name = "anna"
+//! tenant = "radiology"
+//! password = "$argon2id$v=19$…"       # of `meshway user passwd`
+//! scopes = ["read", "write"]
+//!
+//! [[tenants]]
+//! name = "radiology"
+//! limits = { stored_mib = 20480 }
 //! ```
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::net::IpAddr;
 use std::sync::{Arc, PoisonError, RwLock};
 
 use ipnet::IpNet;
-use serde::Deserialize;
 use thiserror::Error;
-use time::{Date, Duration, OffsetDateTime, Time, UtcOffset};
-use toml::value::{Datetime, Offset};
 
-use super::{Actor, Caller, KeyHash, Scope, Scopes, Secret, Tenant};
-
-/// Most characters of a key's name.
-const LONGEST_NAME: usize = 64;
+use super::{Actor, Allowance, Caller, KeyHash, Limits, Scopes, Secret, Tenant, User, file};
 
 /// A key as it is configured.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -40,12 +45,16 @@ pub struct Key {
     pub expires: Option<i64>,
     /// The addresses that it may come from; empty: all.
     pub networks: Vec<IpNet>,
+    /// What it may take.
+    pub limits: Limits,
+    /// Whether it stands in the file; else the API made it.
+    pub in_file: bool,
 }
 
 /// Why the keys of a configuration file are refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("{0}")]
-pub struct KeyFault(String);
+pub struct KeyFault(pub(super) String);
 
 /// Why a key opens nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,57 +82,100 @@ impl Refusal {
 /// hash, from which nobody gets to a key.
 type Keys = HashMap<KeyHash, Arc<Key>>;
 
+/// Who is known.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Ring {
+    pub(super) keys: Keys,
+    pub(super) users: HashMap<Arc<str>, Arc<User>>,
+    pub(super) tenants: HashMap<Tenant, Limits>,
+}
+
+impl Ring {
+    /// Whether the file names nobody.
+    fn names_nobody(&self) -> bool {
+        self.users.is_empty() && !self.keys.values().any(|key| key.in_file)
+    }
+}
+
 /// The keys of a service. Clones share them, and see when they are replaced.
 #[derive(Debug, Clone, Default)]
-pub struct Keyring(Arc<RwLock<Arc<Keys>>>);
+pub struct Keyring(Arc<RwLock<Arc<Ring>>>);
 
 impl Keyring {
-    /// The keys in the text of a configuration file, whose other settings are not looked at.
+    /// Keys, users and tenants in the text of a configuration file, whose other settings are not
+    /// looked at.
     ///
     /// # Errors
     /// [`KeyFault`], which names the key.
     pub fn of_file(text: &str) -> Result<Self, KeyFault> {
-        let file: File = toml::from_str(text).map_err(|error| KeyFault(error.to_string()))?;
-        let (mut keys, mut names) = (Keys::new(), HashSet::new());
-        for (i, written) in file.keys.into_iter().enumerate() {
-            let place = format!("keys[{i}] ({:.64})", written.name);
-            let key = written.read();
-            let key = key.map_err(|fault| KeyFault(format!("{place}: {fault}")))?;
-            if !names.insert(Arc::clone(&key.name)) {
-                return Err(KeyFault(format!("{place}: another key has the same name")));
-            }
-            if let Some(other) = keys.insert(key.hash, Arc::new(key)) {
-                let fault = format!("{place}: {} has the same hash", other.name);
-                return Err(KeyFault(fault));
-            }
-        }
-        Ok(Self(Arc::new(RwLock::new(Arc::new(keys)))))
+        let ring = file::read(text)?;
+        Ok(Self(Arc::new(RwLock::new(Arc::new(ring)))))
     }
 
-    /// Whether there are none: anybody may use the service.
+    /// Whether there are none, nor users: anybody may use the service.
     pub fn is_empty(&self) -> bool {
-        self.keys().is_empty()
+        let ring = self.ring();
+        ring.keys.is_empty() && ring.users.is_empty()
+    }
+
+    /// Whether people can sign in with a password.
+    pub fn has_users(&self) -> bool {
+        !self.ring().users.is_empty()
     }
 
     /// All keys, by their names.
     pub fn all(&self) -> Vec<Arc<Key>> {
-        let mut all: Vec<_> = self.keys().values().map(Arc::clone).collect();
+        let mut all: Vec<_> = self.ring().keys.values().map(Arc::clone).collect();
         all.sort_by(|a, b| a.name.cmp(&b.name));
         all
     }
 
-    /// Takes over the keys of another one.
+    /// The user of this name.
+    pub fn user(&self, name: &str) -> Option<Arc<User>> {
+        self.ring().users.get(name).map(Arc::clone)
+    }
+
+    /// Takes over what another one has of the file. Keys that the API made stay.
     ///
     /// # Errors
     /// [`KeyFault`] where that would open a service to all that had keys: it keeps them.
     pub fn replace(&self, with: &Self) -> Result<(), KeyFault> {
-        if with.is_empty() && !self.is_empty() {
-            let fault = "the file has no keys any more; they stay until the service starts again";
-            return Err(KeyFault(fault.to_owned()));
-        }
-        let keys = with.keys();
-        *self.0.write().unwrap_or_else(PoisonError::into_inner) = keys;
-        Ok(())
+        let new = with.ring();
+        self.change(|old| {
+            if new.names_nobody() && !old.names_nobody() {
+                let fault =
+                    "the file has no keys any more; they stay until the service starts again";
+                return Err(KeyFault(fault.to_owned()));
+            }
+            let made = old.keys.iter().filter(|(_, key)| !key.in_file);
+            let made: Vec<_> = made.map(|(hash, key)| (*hash, Arc::clone(key))).collect();
+            *old = Ring::clone(&new);
+            for (hash, key) in made {
+                old.keys.entry(hash).or_insert(key);
+            }
+            Ok(())
+        })
+    }
+
+    /// Adds a key that the API made.
+    pub fn add(&self, key: Key) {
+        self.change(|ring| {
+            ring.keys.entry(key.hash).or_insert_with(|| Arc::new(key));
+        });
+    }
+
+    /// Takes out a key that the API made.
+    pub fn remove(&self, hash: &KeyHash) {
+        self.change(|ring| {
+            if ring.keys.get(hash).is_some_and(|key| !key.in_file) {
+                ring.keys.remove(hash);
+            }
+        });
+    }
+
+    fn change<T>(&self, change: impl FnOnce(&mut Ring) -> T) -> T {
+        let mut shared = self.0.write().unwrap_or_else(PoisonError::into_inner);
+        change(Arc::make_mut(&mut shared))
     }
 
     /// Who holds the key, at a time in milliseconds since the epoch.
@@ -136,8 +188,8 @@ impl Keyring {
         address: Option<IpAddr>,
         now: i64,
     ) -> Result<Caller, Refusal> {
-        let keys = self.keys();
-        let key = keys.get(&secret.hash()).ok_or(Refusal::Unknown)?;
+        let ring = self.ring();
+        let key = ring.keys.get(&secret.hash()).ok_or(Refusal::Unknown)?;
         if key.expires.is_some_and(|end| now >= end) {
             return Err(Refusal::Expired);
         }
@@ -156,117 +208,62 @@ impl Keyring {
                 name: Arc::clone(&key.name),
                 id: key.hash.id().into(),
             },
+            allowance: ring.allowance(&key.tenant, key.limits),
+            ..Caller::stranger()
+        })
+    }
+
+    /// The caller that a user is who has signed in, if the user is still known as then.
+    pub fn signed_in(&self, user: &User) -> Option<Caller> {
+        let ring = self.ring();
+        let known = ring.users.get(&user.name)?;
+        (known.password == user.password).then(|| Caller {
+            tenant: known.tenant.clone(),
+            scopes: known.scopes,
+            actor: Actor::User {
+                name: Arc::clone(&known.name),
+            },
+            allowance: ring.allowance(&known.tenant, known.limits),
             ..Caller::stranger()
         })
     }
 
     /// Whether somebody who was let in would be let in now, too.
     pub fn is_good(&self, caller: &Caller, now: i64) -> bool {
-        let Actor::Key { id, .. } = &caller.actor else {
-            return self.is_empty();
-        };
-        let keys = self.keys();
-        let key = keys.values().find(|key| key.hash.id() == **id);
-        key.is_some_and(|key| {
-            key.tenant == caller.tenant && key.expires.is_none_or(|end| now < end)
-        })
+        let ring = self.ring();
+        match &caller.actor {
+            Actor::Key { id, .. } => {
+                let key = ring.keys.values().find(|key| key.hash.id() == **id);
+                key.is_some_and(|key| {
+                    key.tenant == caller.tenant && key.expires.is_none_or(|end| now < end)
+                })
+            }
+            Actor::User { name } => {
+                let user = ring.users.get(name);
+                user.is_some_and(|user| user.tenant == caller.tenant)
+            }
+            Actor::Anybody | Actor::Stranger => self.is_empty(),
+        }
     }
 
-    fn keys(&self) -> Arc<Keys> {
+    fn ring(&self) -> Arc<Ring> {
         Arc::clone(&self.0.read().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
-/// The part of the file that is about keys.
-#[derive(Deserialize)]
-struct File {
-    #[serde(default)]
-    keys: Vec<Written>,
-}
-
-/// A key as it stands in the file.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Written {
-    name: String,
-    #[serde(default)]
-    tenant: Option<String>,
-    hash: String,
-    scopes: Vec<String>,
-    expires: Option<Datetime>,
-    #[serde(default)]
-    networks: Vec<String>,
-}
-
-impl Written {
-    fn read(self) -> Result<Key, String> {
-        let plain = |c: char| c.is_ascii_graphic();
-        if !(1..=LONGEST_NAME).contains(&self.name.len()) || !self.name.chars().all(plain) {
-            return Err(format!(
-                "name must have 1 to {LONGEST_NAME} visible ASCII characters without blanks"
-            ));
+impl Ring {
+    fn allowance(&self, tenant: &Tenant, account: Limits) -> Allowance {
+        Allowance {
+            tenant: self.tenants.get(tenant).copied().unwrap_or_default(),
+            account,
         }
-        let tenant = self.tenant.map(|name| name.parse::<Tenant>());
-        let scopes = self.scopes.iter().map(|name| name.parse::<Scope>());
-        let scopes: Scopes = scopes.collect::<Result<_, _>>()?;
-        if scopes.is_empty() {
-            return Err("scopes is empty: such a key opens nothing".to_owned());
-        }
-        let network = |text: &String| {
-            let single = || text.parse::<IpAddr>().map(IpNet::from);
-            text.parse::<IpNet>()
-                .or_else(|_| single())
-                .map_err(|_| format!("networks: '{text:.64}' is no network, as in 10.20.0.0/16"))
-        };
-        Ok(Key {
-            name: self.name.into(),
-            tenant: tenant
-                .transpose()
-                .map_err(|e| e.to_string())?
-                .unwrap_or_default(),
-            hash: self.hash.parse()?,
-            scopes,
-            expires: self.expires.map(|end| moment(&end)).transpose()?,
-            networks: self
-                .networks
-                .iter()
-                .map(network)
-                .collect::<Result<_, _>>()?,
-        })
     }
-}
-
-/// When a date ends, or a moment is, in milliseconds since the epoch.
-fn moment(written: &Datetime) -> Result<i64, String> {
-    let wrong = || {
-        format!(
-            "expires: {written} is no date, as in 2027-12-31, nor a moment with its zone, as in 2027-12-31T12:00:00Z"
-        )
-    };
-    let date = written.date.ok_or_else(wrong)?;
-    let month = time::Month::try_from(date.month).map_err(|_| wrong())?;
-    let date = Date::from_calendar_date(date.year.into(), month, date.day);
-    let date = date.map_err(|_| wrong())?;
-    let end = match (written.time, written.offset) {
-        (None, None) => date.midnight().assume_utc() + Duration::DAY,
-        (Some(clock), Some(offset)) => {
-            let second = clock.second.unwrap_or(0).min(59);
-            let clock = Time::from_hms(clock.hour, clock.minute, second).map_err(|_| wrong())?;
-            let minutes = match offset {
-                Offset::Z => 0,
-                Offset::Custom { minutes } => i32::from(minutes),
-            };
-            let offset = UtcOffset::from_whole_seconds(minutes * 60).map_err(|_| wrong())?;
-            OffsetDateTime::new_in_offset(date, clock, offset)
-        }
-        _ => return Err(wrong()),
-    };
-    i64::try_from(end.unix_timestamp_nanos() / 1_000_000).map_err(|_| wrong())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::identity::Scope;
 
     fn file(secret: &Secret, more: &str) -> String {
         let hash = secret.hash();

@@ -5,13 +5,18 @@
 //! belongs to a tenant can only be asked for in the name of one.
 
 mod caller;
+pub mod file;
 mod key;
 mod keyring;
+mod limits;
 mod scope;
 mod tenant;
+mod user;
 
 pub use caller::{Actor, Caller};
 pub use key::{KeyHash, Secret};
 pub use keyring::{Key, KeyFault, Keyring, Refusal};
+pub use limits::{Allowance, Holder, Limits, Measure, Policy};
 pub use scope::{Scope, Scopes};
 pub use tenant::{InvalidTenant, Tenant};
+pub use user::{LEAST_PASSWORD, MOST_PASSWORD, Password, User};

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use thiserror::Error;
 
 use super::CloudId;
+use crate::identity::Policy;
 
 /// Why the store did not do what it was asked. Nothing was written.
 ///
@@ -23,6 +24,14 @@ pub enum Error {
     QueueFull {
         /// Most jobs that may wait.
         limit: u64,
+    },
+    /// The tenant or the key has taken all that it may.
+    #[error("the quota {} of {} {} is used up", policy.name(), policy.quota, policy.unit())]
+    Quota {
+        /// Which limit it is.
+        policy: Policy,
+        /// When it is worth to try again.
+        retry_seconds: u32,
     },
     /// The job names a cloud that is not here.
     #[error("there is no cloud {0}")]
@@ -61,6 +70,7 @@ impl Error {
             Self::Busy => "database_busy",
             Self::Full(_) => "insufficient_storage",
             Self::QueueFull { .. } => "queue_full",
+            Self::Quota { .. } => "quota",
             Self::CloudMissing(_) => "cloud_missing",
             Self::Stale => "stale_attempt",
             Self::Closed => "draining",

@@ -109,6 +109,8 @@ pub struct Job {
     pub source: Option<Choice>,
     /// The job of which this is a retry.
     pub derived_from: Option<JobId>,
+    /// Those of a tenant with a higher one go first.
+    pub priority: i64,
     /// When it was submitted.
     pub created_at: i64,
     /// When its first attempt began.
@@ -160,6 +162,30 @@ pub struct NewJob {
     pub source: Option<Choice>,
     /// The job of which this is a retry.
     pub derived_from: Option<JobId>,
+    /// Those of the tenant with a higher one go first.
+    pub priority: i64,
+    /// Estimated work in seconds, by which tenants take turns.
+    pub cost_seconds: f64,
+}
+
+/// Where a waiting job stands, in the queue that all tenants share.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    /// 1 for the next one.
+    pub position: u64,
+    /// Estimated work before it, in milliseconds: of the jobs that are next, and what is left of those
+    /// that run.
+    pub before_ms: u64,
+    /// Its own.
+    pub cost_ms: u64,
+}
+
+impl Place {
+    /// Estimated seconds to the end of the job with so many workers, in tenths.
+    pub fn eta_seconds(&self, workers: u16) -> f64 {
+        let workers = u64::from(workers.max(1));
+        ((self.before_ms / workers + self.cost_ms) as f64 / 100.0).round() / 10.0
+    }
 }
 
 /// Which jobs a list shows; `None` asks for no restriction.

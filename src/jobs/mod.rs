@@ -42,7 +42,7 @@ pub use cloud::{Cloud, CloudDeletion, NewCloud};
 pub use error::Error;
 pub use event::{Event, EventKind, NewEvent, Requeue};
 pub use id::{CloudId, InvalidId, JobId};
-pub use job::{Counts, Job, JobFilter, Lookup, NewJob, Status, Tombstone};
+pub use job::{Counts, Job, JobFilter, Lookup, NewJob, Place, Status, Tombstone};
 pub use store::{
     Act, Acts, AuditFault, AuditHead, AuditOutcome, AuditRow, Checkpoint, Idempotency,
     IdempotencyState, MeshInfo, Options, Records, Store, StoredResponse, Subject,

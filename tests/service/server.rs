@@ -115,6 +115,8 @@ impl Folder {
             labels: std::collections::BTreeMap::new(),
             source: None,
             derived_from: None,
+            priority: 0,
+            cost_seconds: 1.0,
         };
         self.store.by(us()).submit(new, None).await.unwrap().id
     }

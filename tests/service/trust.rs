@@ -126,13 +126,19 @@ async fn a_file_of_keys_with_a_fault_is_refused_at_the_start() {
     assert!(message.contains("meshway key new"), "{message}");
 }
 
+/// How often the service is killed; `make soak-audit` asks for more.
+fn kills() -> usize {
+    let asked = std::env::var("MESHWAY_AUDIT_KILLS").ok();
+    asked.map_or(4, |asked| asked.parse().unwrap())
+}
+
 #[tokio::test]
 async fn every_answer_has_its_row_once_however_the_service_dies() {
     let folder = TempDir::new().unwrap();
     let (pacs, block) = new_key("pacs", "read,write", &[]);
     fs::write(folder.path().join("clinic.toml"), block).unwrap();
     let mut answered = Vec::new();
-    for run in 0..4 {
+    for run in 0..kills() {
         let server = start(&folder, run).await;
         let mut uploads = Vec::new();
         for client in 0..4 {
@@ -142,7 +148,7 @@ async fn every_answer_has_its_row_once_however_the_service_dies() {
                 let mut client_connection = Connection::open(address).await.unwrap();
                 // Until the service dies, each with bytes of its own.
                 for i in 0.. {
-                    let shift = f64::from(run as u32 * 1_000_000 + client * 100_000 + i);
+                    let shift = f64::from(run as u32 * 20_000 + client * 5_000 + i);
                     let cloud = sphere_xyz(30, shift);
                     let sent = client_connection
                         .ask("POST /v1/clouds", &headers, &[cloud.as_bytes()])

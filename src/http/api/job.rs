@@ -29,6 +29,7 @@ pub(in crate::http) struct Job<'a> {
     labels: &'a BTreeMap<String, String>,
     source: Option<&'a Choice>,
     derived_from: Option<&'a JobId>,
+    priority: i64,
     evaluations: u64,
     loss: Option<f64>,
     last_event_id: i64,
@@ -39,6 +40,15 @@ pub(in crate::http) struct Job<'a> {
     #[serde(flatten)]
     assessment: Assessment,
     links: Links,
+}
+
+/// Where a waiting job stands.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::http) struct Place {
+    /// 1 for the next one.
+    pub(in crate::http) queue_position: u64,
+    /// Estimated seconds to its end.
+    pub(in crate::http) eta_seconds: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -63,14 +73,14 @@ struct Links {
 
 impl<'a> Job<'a> {
     /// The job; its place in the queue is not a column and is given where it is known.
-    pub(in crate::http) fn new(job: &'a jobs::Job, queue_position: Option<u64>) -> Self {
+    pub(in crate::http) fn new(job: &'a jobs::Job, place: Option<Place>) -> Self {
         Self {
             id: &job.id,
             status: job.status,
             phase: job.phase,
             progress: job.progress,
-            eta_seconds: job.eta_seconds,
-            queue_position,
+            eta_seconds: place.map(|place| place.eta_seconds).or(job.eta_seconds),
+            queue_position: place.map(|place| place.queue_position),
             attempt: job.attempt,
             failures: job.failures,
             cancel_requested: job.cancel_requested,
@@ -80,6 +90,7 @@ impl<'a> Job<'a> {
             labels: &job.labels,
             source: job.source.as_ref(),
             derived_from: job.derived_from.as_ref(),
+            priority: job.priority,
             evaluations: job.evaluations,
             loss: job.loss,
             last_event_id: job.events,

@@ -19,12 +19,12 @@ use serde::Serialize;
 
 pub(in crate::http) use cloud::Cloud;
 pub(in crate::http) use event::{AllReset, EventItem, EventPage, JobReset, SucceededLinks};
-pub(in crate::http) use job::{DryRun, Job};
+pub(in crate::http) use job::{DryRun, Job, Place};
 pub(in crate::http) use problem::Problem;
 pub(in crate::http) use result::{Blocks, JobItems, Series, Snapshot};
 pub(in crate::http) use system::{Check, Limits, Live, PresetItem, Range, Ready, Version};
 pub(in crate::http) use time::{Time, milliseconds};
-pub(in crate::http) use trust::{AuditRow, Key};
+pub(in crate::http) use trust::{AuditRow, Key, NewKey};
 
 /// A page of a list.
 #[derive(Debug, Serialize)]

@@ -51,6 +51,8 @@ pub(in crate::http) struct Limits {
     pub(in crate::http) labels: usize,
     /// Characters of the key and of the value of a label.
     pub(in crate::http) label_characters: usize,
+    /// Priorities of a job.
+    pub(in crate::http) priority: Range,
     /// Evaluations in a list of chosen ones.
     pub(in crate::http) chosen_evaluations: usize,
     /// Memory of a grid.

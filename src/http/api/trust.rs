@@ -16,6 +16,8 @@ pub(in crate::http) struct Key<'a> {
     tenant: &'a str,
     scopes: Vec<&'static str>,
     networks: Vec<String>,
+    limits: identity::Limits,
+    in_file: bool,
     expires_at: Option<Time>,
     last_used_at: Option<Time>,
 }
@@ -29,11 +31,23 @@ impl<'a> Key<'a> {
             tenant: key.tenant.as_str(),
             scopes: key.scopes.iter().map(identity::Scope::name).collect(),
             networks: key.networks.iter().map(ToString::to_string).collect(),
+            limits: key.limits,
+            in_file: key.in_file,
             expires_at: key.expires.map(Time),
             last_used_at: uses.get(&id).copied().map(Time),
             id,
         }
     }
+}
+
+/// A key that was just made, with its text, this once.
+#[derive(Debug, Serialize)]
+pub(in crate::http) struct NewKey<'a> {
+    /// The text.
+    pub(in crate::http) key: &'a str,
+    /// What it is.
+    #[serde(flatten)]
+    pub(in crate::http) what: Key<'a>,
 }
 
 /// A row of the audit trail.

@@ -5,6 +5,7 @@
 
 use std::collections::HashMap;
 use std::hash::Hash;
+use std::net::IpAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::extract::{FromRequestParts, MatchedPath, Request, State};
@@ -13,9 +14,12 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Uri};
 use axum::middleware::Next;
 use axum::response::Response;
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
 
 use crate::http::AppState;
 use crate::http::door::places::Peer;
+use crate::http::door::{origin, passwords};
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::header;
 use crate::http::wire::request_id;
@@ -30,6 +34,12 @@ const MOST: usize = 4_096;
 
 /// The cookie that a browser keeps its key in, out of the reach of scripts.
 pub(in crate::http) const KEY_COOKIE: &str = "meshway-key";
+
+/// The cookie of somebody who signed in with a password.
+pub(in crate::http) const SESSION_COOKIE: &str = "meshway-session";
+
+/// Where sessions begin.
+const SESSION: &str = "/v1/session";
 
 /// When what is worth a row a minute had its last one.
 #[derive(Debug)]
@@ -74,11 +84,11 @@ pub(in crate::http) async fn admit(
     let caller = if app.config.keys.is_empty() {
         asking(Caller::anybody())
     } else {
-        let given = key_in(request.headers(), request.uri());
-        let known = given.and_then(|secret| {
-            let found = app.config.keys.identify(&secret, address, app.store.now());
-            found.map_err(refused)
-        });
+        let given = credential(&app, &request);
+        let known = match given {
+            Ok(given) => identify(&app, given, address).await,
+            Err(error) => Err(error),
+        };
         match known {
             Ok(caller) => asking(caller),
             Err(error) => {
@@ -94,6 +104,10 @@ pub(in crate::http) async fn admit(
         note(&app, &caller, Act::AuthDeny, &operation).await;
         return Err(lacking(scope));
     }
+    let standing = app.windows.count(&caller, app.store.now());
+    if let Some(refusal) = standing.refusal() {
+        return Err(refusal);
+    }
     if let Actor::Key { id, .. } = &caller.actor
         && app.uses.is_due(Arc::clone(id), app.store.now())
     {
@@ -105,7 +119,56 @@ pub(in crate::http) async fn admit(
         });
     }
     request.extensions_mut().insert(caller);
-    Ok(next.run(request).await)
+    let mut response = next.run(request).await;
+    standing.mark(response.headers_mut());
+    Ok(response)
+}
+
+/// What a request shows of who sends it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::http) enum Credential {
+    /// A key.
+    Key(Secret),
+    /// The cookie of somebody who signed in with a password.
+    Session(Secret),
+    /// A name and a password.
+    Password(String, String),
+}
+
+/// What a request shows; cookies only in requests of pages of this service, passwords only where they
+/// open a session.
+fn credential(app: &AppState, request: &Request) -> Result<Credential> {
+    let (headers, uri) = (request.headers(), request.uri());
+    let given = credential_in(headers, uri)?;
+    if !headers.contains_key(AUTHORIZATION) {
+        origin::check_cookie(&app.config, headers, uri)?;
+    }
+    let route = request.extensions().get::<MatchedPath>();
+    let signs_in = route.is_some_and(|route| route.as_str().ends_with(SESSION));
+    if matches!(given, Credential::Password(..)) && !signs_in {
+        let detail = "a password opens a session, at POST /v1/session; other requests bear its cookie, or a key";
+        return Err(unauthenticated(detail, Some("invalid_request")));
+    }
+    Ok(given)
+}
+
+async fn identify(app: &AppState, given: Credential, address: Option<IpAddr>) -> Result<Caller> {
+    let (keys, now) = (&app.config.keys, app.store.now());
+    match given {
+        Credential::Key(secret) => keys.identify(&secret, address, now).map_err(refused),
+        Credential::Session(secret) => {
+            let found = app.sessions.find(&secret, keys, now);
+            found.ok_or_else(|| {
+                unauthenticated(
+                    "the session has ended: sign in again",
+                    Some("invalid_token"),
+                )
+            })
+        }
+        Credential::Password(name, password) => {
+            passwords::check(app, (name, password), address).await
+        }
+    }
 }
 
 impl FromRequestParts<AppState> for Caller {
@@ -117,12 +180,12 @@ impl FromRequestParts<AppState> for Caller {
     }
 }
 
-/// The key that a request bears, in its header or else in its cookie. Browsers send the cookie for pages of this service
+/// What a request bears, in its header or else in a cookie. Browsers send cookies for pages of this service
 /// alone.
 ///
 /// # Errors
-/// [`Code::Unauthenticated`] without one, [`Code::KeyInAddress`] for one in the address.
-pub(in crate::http) fn key_in(headers: &HeaderMap, uri: &Uri) -> Result<Secret> {
+/// [`Code::Unauthenticated`] without anything, [`Code::KeyInAddress`] for a key in the address.
+pub(in crate::http) fn credential_in(headers: &HeaderMap, uri: &Uri) -> Result<Credential> {
     let query = uri.query().unwrap_or_default();
     if query
         .split(['&', '='])
@@ -132,32 +195,53 @@ pub(in crate::http) fn key_in(headers: &HeaderMap, uri: &Uri) -> Result<Secret> 
                       one out of use, and send the next one in the header Authorization";
         return Err(ApiError::new(Code::KeyInAddress, detail));
     }
-    let key = match header(headers, &AUTHORIZATION)? {
-        Some(given) => bearer(given)?,
-        None => cookie(headers)
-            .ok_or_else(|| unauthenticated("send a key: Authorization: Bearer mw_…", None))?,
-    };
-    key.trim().parse().map_err(|fault| {
+    if let Some(given) = header(headers, &AUTHORIZATION)? {
+        return match given.split_once(' ') {
+            Some((scheme, key)) if scheme.eq_ignore_ascii_case("bearer") => {
+                secret(key).map(Credential::Key)
+            }
+            Some((scheme, pair)) if scheme.eq_ignore_ascii_case("basic") => basic(pair),
+            _ => Err(unauthenticated(
+                "the header Authorization must have the form Bearer mw_…",
+                Some("invalid_request"),
+            )),
+        };
+    }
+    if let Some(session) = cookie(headers, SESSION_COOKIE) {
+        return secret(session).map(Credential::Session);
+    }
+    let key = cookie(headers, KEY_COOKIE)
+        .ok_or_else(|| unauthenticated("send a key: Authorization: Bearer mw_…", None))?;
+    secret(key).map(Credential::Key)
+}
+
+fn secret(text: &str) -> Result<Secret> {
+    text.trim().parse().map_err(|fault| {
         let detail = format!("what was sent as a key {fault}");
         unauthenticated(&detail, Some("invalid_token"))
     })
 }
 
-fn bearer(given: &str) -> Result<&str> {
-    let parts = given.split_once(' ');
-    let key = parts.filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
-    key.map(|(_, key)| key).ok_or_else(|| {
-        let detail = "the header Authorization must have the form Bearer mw_…";
+/// A name and a password in the form of RFC 7617, in UTF-8.
+fn basic(pair: &str) -> Result<Credential> {
+    let bytes = BASE64_STANDARD.decode(pair.trim()).ok();
+    let text = bytes.and_then(|bytes| String::from_utf8(bytes).ok());
+    let pair = text.as_deref().and_then(|text| text.split_once(':'));
+    let (name, password) = pair.ok_or_else(|| {
+        let detail = "after Basic comes the Base64 of NAME:PASSWORD in UTF-8";
         unauthenticated(detail, Some("invalid_request"))
-    })
+    })?;
+    Ok(Credential::Password(name.to_owned(), password.to_owned()))
 }
 
-fn cookie(headers: &HeaderMap) -> Option<&str> {
+fn cookie<'h>(headers: &'h HeaderMap, name: &str) -> Option<&'h str> {
     let texts = headers.get_all(COOKIE).iter();
     let mut pairs = texts
         .filter_map(|text| text.to_str().ok())
         .flat_map(|text| text.split(';'));
-    pairs.find_map(|pair| pair.trim().strip_prefix(KEY_COOKIE)?.strip_prefix('='))
+    // One that was emptied is none.
+    let value = pairs.find_map(|pair| pair.trim().strip_prefix(name)?.strip_prefix('='));
+    value.filter(|value| !value.is_empty())
 }
 
 /// A key from a wrong address is as unknown as any: a thief must not learn that it is good.
@@ -170,12 +254,12 @@ fn refused(refusal: Refusal) -> ApiError {
     unauthenticated(detail, Some("invalid_token"))
 }
 
-fn unauthenticated(detail: &str, error: Option<&str>) -> ApiError {
+pub(in crate::http) fn unauthenticated(detail: &str, error: Option<&str>) -> ApiError {
     let error = error.map_or(String::new(), |error| format!(", error=\"{error}\""));
     challenge(ApiError::new(Code::Unauthenticated, detail), &error)
 }
 
-fn lacking(scope: Scope) -> ApiError {
+pub(in crate::http) fn lacking(scope: Scope) -> ApiError {
     let detail = format!("the key does not have the scope {scope}, which this needs");
     let error = format!(", error=\"insufficient_scope\", scope=\"{scope}\"");
     challenge(ApiError::new(Code::Forbidden, detail), &error).with("scope", scope.name().into())
@@ -228,12 +312,24 @@ mod tests {
         let key_of = |value: &str, uri: String| {
             let mut headers = HeaderMap::new();
             headers.insert(AUTHORIZATION, value.parse().unwrap());
-            key_in(&headers, &uri.parse().unwrap()).map_err(|error| error.code())
+            credential_in(&headers, &uri.parse().unwrap()).map_err(|error| error.code())
         };
         let plain = || "/v1/jobs?limit=1".to_owned();
         let bearer = format!("bearer {}", secret.reveal());
-        assert_eq!(key_of(&bearer, plain()), Ok(secret.clone()));
-        for wrong in [secret.reveal(), "Basic YTpi", "Bearer", "Bearer x"] {
+        assert_eq!(
+            key_of(&bearer, plain()),
+            Ok(Credential::Key(secret.clone()))
+        );
+        // "anna:a:b", by `printf anna:a:b | base64`.
+        let pair = Credential::Password("anna".to_owned(), "a:b".to_owned());
+        assert_eq!(key_of("Basic YW5uYTphOmI=", plain()), Ok(pair));
+        for wrong in [
+            secret.reveal(),
+            "Basic YQ==",
+            "Basic ?",
+            "Bearer",
+            "Bearer x",
+        ] {
             assert_eq!(
                 key_of(wrong, plain()),
                 Err(Code::Unauthenticated),
@@ -243,10 +339,18 @@ mod tests {
         let in_cookie = |text: String| {
             let mut headers = HeaderMap::new();
             headers.insert(COOKIE, text.parse().unwrap());
-            key_in(&headers, &plain().parse().unwrap()).ok()
+            credential_in(&headers, &plain().parse().unwrap()).ok()
         };
         let kept = format!("a=b; {KEY_COOKIE}={}", secret.reveal());
-        assert_eq!(in_cookie(kept), Some(secret.clone()));
+        assert_eq!(
+            in_cookie(kept.clone()),
+            Some(Credential::Key(secret.clone()))
+        );
+        let session = Secret::generate().unwrap();
+        let both = format!("{kept}; {SESSION_COOKIE}={}", session.reveal());
+        assert_eq!(in_cookie(both), Some(Credential::Session(session)));
+        let emptied = format!("{kept}; {SESSION_COOKIE}=");
+        assert_eq!(in_cookie(emptied), Some(Credential::Key(secret.clone())));
         assert_eq!(
             in_cookie(format!("x{KEY_COOKIE}={}", secret.reveal())),
             None

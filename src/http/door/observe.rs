@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use axum::body::Body;
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::header::RANGE;
+use axum::http::header::{RANGE, STRICT_TRANSPORT_SECURITY};
 use axum::http::{HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
@@ -17,6 +17,9 @@ use crate::http::AppState;
 use crate::http::door::places::Peer;
 use crate::http::wire::error::{ApiError, Code};
 use crate::http::wire::request_id::{self, REQUEST_ID};
+
+/// What browsers are told over TLS: to come over it alone, for a year.
+const HSTS: &str = "max-age=31536000";
 
 /// The layer. It logs no file names, no bodies and no queries, which may contain labels.
 pub(in crate::http) async fn observe(
@@ -67,6 +70,10 @@ pub(in crate::http) async fn observe(
     }
     if let Ok(value) = HeaderValue::from_str(&id) {
         response.headers_mut().insert(REQUEST_ID, value);
+    }
+    if app.config.tls_cert.is_some() {
+        let headers = response.headers_mut();
+        headers.insert(STRICT_TRANSPORT_SECURITY, HeaderValue::from_static(HSTS));
     }
     let status = response.status().as_u16();
     let seconds = started.elapsed().as_secs_f64();

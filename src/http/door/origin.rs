@@ -4,14 +4,15 @@
 //! requests to it. A page whose name is made to resolve to this machine (DNS rebinding) shows its
 //! own name in `Host`; a page that sends a form or a script's request across shows itself in
 //! `Origin` or `Sec-Fetch-Site`. Reads across sites pass: without CORS headers, which only the
-//! origins that the operator allows get, the browser keeps their answers from the page.
+//! origins that the operator allows get, the browser keeps their answers from the page. Reads with a
+//! cookie do not pass: [`check_cookie`].
 
 use std::net::IpAddr;
 
 use axum::extract::{Request, State};
 use axum::http::header::{HOST, ORIGIN};
 use axum::http::uri::Authority;
-use axum::http::{HeaderName, Method};
+use axum::http::{HeaderMap, HeaderName, Method, Uri};
 use axum::middleware::Next;
 use axum::response::Response;
 
@@ -56,7 +57,22 @@ fn check(config: &Config, request: &Request) -> Result<()> {
     ) {
         return Ok(());
     }
-    let across = header(headers, &SEC_FETCH_SITE)? == Some("cross-site");
+    refuse_foreign(config, headers, request.uri(), &["cross-site"])
+}
+
+/// Refuses a request that a browser sends with a cookie for a page of another origin, be it a read: a
+/// page of the same site, which may be another port of this machine, gets the cookie sent along.
+///
+/// # Errors
+/// [`Code::CrossOriginRefused`].
+pub(in crate::http) fn check_cookie(config: &Config, headers: &HeaderMap, uri: &Uri) -> Result<()> {
+    refuse_foreign(config, headers, uri, &["cross-site", "same-site"])
+}
+
+fn refuse_foreign(config: &Config, headers: &HeaderMap, uri: &Uri, sites: &[&str]) -> Result<()> {
+    let host = uri.authority().map(Authority::as_str);
+    let host = host.or(header(headers, &HOST)?);
+    let across = header(headers, &SEC_FETCH_SITE)?.is_some_and(|site| sites.contains(&site));
     let origin = header(headers, &ORIGIN)?;
     if origin.is_some_and(|origin| config.origins().any(|allowed| allowed == origin)) {
         return Ok(());
@@ -69,9 +85,9 @@ fn check(config: &Config, request: &Request) -> Result<()> {
     });
     if across || elsewhere {
         let detail = format!(
-            "a page of {:.200} sent this to {:.200}; requests that change something are taken from \
-             pages of this service, and from clients that are no browser; a proxy before it must \
-             pass Host on, and --allowed-hosts name it",
+            "a page of {:.200} sent this to {:.200}; requests that change something, and those with \
+             a cookie, are taken from pages of this service, and from clients that are no browser; a \
+             proxy before it must pass Host on, and --allowed-hosts name it",
             origin.unwrap_or("another site"),
             host.unwrap_or("a service without a name")
         );
@@ -159,6 +175,28 @@ mod tests {
                 expected,
                 "{flags:?} {host}"
             );
+        }
+    }
+
+    #[test]
+    fn what_comes_with_a_cookie_comes_from_a_page_of_this_service() {
+        let rows = [
+            (None, None, true),
+            (None, Some("same-origin"), true),
+            (None, Some("none"), true),
+            (None, Some("same-site"), false),
+            (None, Some("cross-site"), false),
+            (Some("http://localhost:3000"), None, false),
+            (Some("http://localhost:8080"), Some("same-origin"), true),
+        ];
+        for (origin, site, expected) in rows {
+            let mut headers = HeaderMap::new();
+            headers.insert(HOST, "localhost:8080".parse().unwrap());
+            for (name, value) in [(ORIGIN, origin), (SEC_FETCH_SITE, site)] {
+                headers.extend(value.map(|value| (name, value.parse().unwrap())));
+            }
+            let checked = check_cookie(&config(&[]), &headers, &Uri::from_static("/v1/jobs"));
+            assert_eq!(checked.is_ok(), expected, "{origin:?} {site:?}");
         }
     }
 

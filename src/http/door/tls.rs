@@ -31,8 +31,10 @@ pub struct TlsFiles {
     pub cert: PathBuf,
     /// Its private key.
     pub key: PathBuf,
-    /// Authorities of clients; where it is given, a client without a certificate of one is refused.
+    /// Authorities of clients; where it is given, a certificate of another one is refused.
     pub client_ca: Option<PathBuf>,
+    /// Whether a client without any certificate is let in all the same.
+    pub client_optional: bool,
 }
 
 /// Why the files are of no use.
@@ -159,6 +161,11 @@ impl TlsFiles {
                 roots.add_parsable_certificates(certificates(path)?);
                 let verifier =
                     WebPkiClientVerifier::builder_with_provider(Arc::new(roots), provider);
+                let verifier = if self.client_optional {
+                    verifier.allow_unauthenticated()
+                } else {
+                    verifier
+                };
                 builder.with_client_cert_verifier(verifier.build().map_err(|error| {
                     TlsError::Authorities {
                         path: path.clone(),

@@ -6,5 +6,6 @@ pub(in crate::http) mod field;
 pub(in crate::http) mod jobs;
 pub(in crate::http) mod meshes;
 pub(in crate::http) mod series;
+pub(in crate::http) mod session;
 pub(in crate::http) mod trust;
 mod witness;

@@ -1,19 +1,22 @@
 //! Who may ask, and who did what: keys and the audit trail of the caller's tenant.
 
+use std::collections::HashMap;
+use std::sync::Arc;
+
 use axum::Json;
-use axum::extract::State;
-use axum::http::header::{ORIGIN, SET_COOKIE};
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::extract::{Request, State};
+use axum::http::header::CACHE_CONTROL;
+use axum::http::{StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
 
-use crate::config::Config;
 use crate::http::AppState;
 use crate::http::api;
-use crate::http::door::keys::{KEY_COOKIE, key_in};
-use crate::http::wire::error::Result;
-use crate::http::wire::extract::{NoQuery, Query, header};
+use crate::http::door::keys::lacking;
+use crate::http::upload::{self, bodies::JSON_LIMIT};
+use crate::http::wire::error::{ApiError, Code, Result};
+use crate::http::wire::extract::{Id, Members, NoQuery, Query, json};
 use crate::http::wire::page::{Page, PageOf};
-use crate::identity::Caller;
+use crate::identity::{Actor, Caller, Key, Limits, Secret, file};
 use crate::jobs::{Act, AuditOutcome};
 
 /// `GET /v1/keys`: those of the tenant, by name.
@@ -28,6 +31,87 @@ pub(in crate::http) async fn keys(
     let item = |key| api::Key::new(key, &uses);
     let items = keys.iter().map(|key| item(key)).collect();
     Ok(Json(api::Items { items }).into_response())
+}
+
+/// `POST /v1/keys`: a key of the tenant, shown this once. It can have no scope that its maker lacks: who
+/// may make keys must not get to surfaces that way.
+pub(in crate::http) async fn create_key(
+    State(app): State<AppState>,
+    caller: Caller,
+    _: NoQuery,
+    request: Request,
+) -> Result<Response> {
+    let body = upload::json(&app, request, JSON_LIMIT).await?;
+    let mut members = Members::of(&body)?;
+    let name = members.required("name", |value| file::name(&json::<String>(value)?));
+    let scopes = members.required("scopes", |value| file::scopes(&json::<Vec<String>>(value)?));
+    let networks = members.take("networks", |value| {
+        file::networks(&json::<Vec<String>>(value)?)
+    });
+    let limits = members.take("limits", |value| file::of_account(json::<Limits>(value)?));
+    let expires = members.take("expires_at", |value| {
+        api::milliseconds(&json::<String>(value)?)
+    });
+    members.finish()?;
+    let (Some(name), Some(scopes)) = (name, scopes) else {
+        return Err(ApiError::internal("a key without a name was let in"));
+    };
+    if caller.actor == Actor::Anybody {
+        let detail = "the service has no keys yet, so it cannot know who asks; the first one comes from \
+                      the file of --config: `meshway key new` makes it";
+        return Err(ApiError::new(Code::KeyInFile, detail));
+    }
+    if let Some(scope) = scopes.iter().find(|scope| !caller.may(*scope)) {
+        return Err(lacking(scope));
+    }
+    let secret = Secret::generate().map_err(ApiError::internal)?;
+    let key = Key {
+        name,
+        tenant: caller.tenant.clone(),
+        hash: secret.hash(),
+        scopes,
+        expires,
+        networks: networks.unwrap_or_default(),
+        limits: limits.unwrap_or_default(),
+        in_file: false,
+    };
+    let known = app.config.keys.all();
+    let same = |other: &Arc<Key>| other.tenant == key.tenant && other.name == key.name;
+    if known.iter().any(same) || !app.store.by(&caller).create_key(key.clone()).await? {
+        let detail = format!("the tenant has a key {} already", key.name);
+        return Err(ApiError::new(Code::KeyName, detail));
+    }
+    app.config.keys.add(key.clone());
+    let made = api::NewKey {
+        key: secret.reveal(),
+        what: api::Key::new(&key, &HashMap::new()),
+    };
+    let private = [(CACHE_CONTROL, "no-store")];
+    Ok((StatusCode::CREATED, private, Json(made)).into_response())
+}
+
+/// `DELETE /v1/keys/{id}`: opens nothing from now on.
+pub(in crate::http) async fn delete_key(
+    State(app): State<AppState>,
+    caller: Caller,
+    _: NoQuery,
+    Id(id): Id<String>,
+) -> Result<StatusCode> {
+    let known = app.config.keys.all();
+    let key = known
+        .iter()
+        .find(|key| key.tenant == caller.tenant && key.hash.id() == id);
+    let key = key.ok_or_else(|| ApiError::not_found("key"))?;
+    if key.in_file {
+        let detail = "the key stands in the file of --config: take it out there, and send SIGHUP";
+        return Err(ApiError::new(Code::KeyInFile, detail));
+    }
+    // The row first: what the answer says must hold after a restart.
+    if !app.store.by(&caller).delete_key(&id).await? {
+        return Err(ApiError::not_found("key"));
+    }
+    app.config.keys.remove(&key.hash);
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// `GET /v1/audit`: newest first.
@@ -47,43 +131,4 @@ pub(in crate::http) async fn audit(
     let found = records.audit(page.before, page.limit + 1).await?;
     let PageOf { items, next } = page.cut(found, |row| row.seq.to_string());
     Ok(next.answer(&uri, items.iter().map(api::AuditRow::from).collect()))
-}
-
-/// Seconds that a browser keeps a key: a working day.
-const SIGNED_IN: u32 = 12 * 60 * 60;
-
-/// `POST /v1/session`: the browser keeps the key of this request and sends it from then on.
-pub(in crate::http) async fn sign_in(
-    State(app): State<AppState>,
-    headers: HeaderMap,
-    uri: Uri,
-    _: NoQuery,
-) -> Result<Response> {
-    if app.config.keys.is_empty() {
-        return Ok(StatusCode::NO_CONTENT.into_response());
-    }
-    let key = key_in(&headers, &uri)?;
-    keep(&app.config, &headers, key.reveal(), SIGNED_IN)
-}
-
-/// `DELETE /v1/session`: the browser forgets its key.
-pub(in crate::http) async fn sign_out(
-    State(app): State<AppState>,
-    headers: HeaderMap,
-    _: NoQuery,
-) -> Result<Response> {
-    keep(&app.config, &headers, "", 0)
-}
-
-/// Has the browser keep a key for so long, in a cookie that no script and no other site can use, and that goes over TLS
-/// alone where the page did.
-fn keep(config: &Config, headers: &HeaderMap, key: &str, seconds: u32) -> Result<Response> {
-    let origin = header(headers, &ORIGIN)?;
-    let encrypted = config.tls_cert.is_some() || origin.is_some_and(|o| o.starts_with("https:"));
-    let secure = if encrypted { "; Secure" } else { "" };
-    let path = config.address("/");
-    let cookie = format!(
-        "{KEY_COOKIE}={key}; Path={path}; Max-Age={seconds}; HttpOnly; SameSite=Strict{secure}"
-    );
-    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, cookie)]).into_response())
 }

@@ -17,7 +17,7 @@ use crate::http::api;
 use crate::http::door::head;
 use crate::http::resources::events;
 use crate::http::resources::field;
-use crate::http::resources::jobs::request::{MAX_LABEL_LENGTH, MAX_LABELS};
+use crate::http::resources::jobs::request::{MAX_LABEL_LENGTH, MAX_LABELS, PRIORITIES};
 use crate::http::upload::bodies::{JSON_LIMIT, LEAST_RATE};
 use crate::http::wire::accept::preferred;
 use crate::http::wire::error::{ApiError, Code, Result};
@@ -70,6 +70,10 @@ pub(in crate::http) async fn limits(State(app): State<AppState>, _: NoQuery) -> 
         settings_bytes: JSON_LIMIT,
         labels: MAX_LABELS,
         label_characters: MAX_LABEL_LENGTH,
+        priority: api::Range {
+            minimum: *PRIORITIES.start() as f64,
+            maximum: *PRIORITIES.end() as f64,
+        },
         chosen_evaluations: MAX_CHOSEN_EVALUATIONS,
         grid_bytes: config.job_memory_bytes(),
         training_bytes: config.job_memory_bytes(),

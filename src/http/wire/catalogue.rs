@@ -49,6 +49,8 @@ catalogue! {
     ResultNotReady "result_not_ready" 409 true "The job has not ended.";
     ModelUnreadable "model_unreadable" 409 false "The network cannot be read by this version.";
     CloudInUse "cloud_in_use" 409 true "A job that has not ended needs the cloud.";
+    KeyName "key_name" 409 false "A key of this name is there already.";
+    KeyInFile "key_in_file" 409 false "The file of the service decides about this.";
     IdempotencyInFlight "idempotency_in_flight" 409 true "The first request with this key is being worked on.";
     Gone "gone" 410 false "It was erased.";
     PreconditionFailed "precondition_failed" 412 false "It is not the version that is asked for.";

@@ -12,6 +12,7 @@ use serde_json::{Map, Value};
 
 use crate::folder::Shortage;
 use crate::http::api;
+use crate::http::wire::quota;
 use crate::http::wire::request_id;
 use crate::intake;
 use crate::jobs::{self, Fault, Tombstone};
@@ -201,6 +202,10 @@ impl From<jobs::Error> for ApiError {
             jobs::Error::QueueFull { .. } => {
                 Self::new(Code::QueueFull, error.to_string()).retry_after(10)
             }
+            jobs::Error::Quota {
+                policy,
+                retry_seconds,
+            } => quota::used_up(*policy, *retry_seconds),
             jobs::Error::Busy | jobs::Error::Closed => {
                 Self::new(Code::from_name(error.code()), error.to_string())
             }

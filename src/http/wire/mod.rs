@@ -8,4 +8,5 @@ pub mod error;
 pub(in crate::http) mod extract;
 pub(in crate::http) mod idempotency;
 pub(in crate::http) mod page;
+pub(in crate::http) mod quota;
 pub(in crate::http) mod request_id;

@@ -16,7 +16,7 @@ use crate::server::{PATIENCE, until};
 /// A key of a tenant with some of the scopes.
 pub(crate) struct Held {
     pub(crate) secret: Secret,
-    block: String,
+    pub(crate) block: String,
 }
 
 impl Held {

@@ -22,7 +22,9 @@ fn main() -> ExitCode {
         let script = flag.to_string_lossy().replacen(FLAG, "", 1);
         let script: Script = script.parse().expect("a script is named");
         Substitute {
-            work: Arc::new(move |_: &Assignment, observer: &dyn Observer| script.run(observer)),
+            work: Arc::new(move |assignment: &Assignment, observer: &dyn Observer| {
+                script.run(assignment.settings.training.seed, observer)
+            }),
             flag,
         }
     });

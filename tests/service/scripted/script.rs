@@ -19,6 +19,8 @@ pub(crate) enum Script {
     Instant,
     /// Gives a sphere after so many seconds, with progress on the way; stops when asked.
     Sleep(f64),
+    /// Gives a sphere after as many milliseconds as the seed of the job's settings says.
+    Seed,
     /// Gives a sphere once this file is there; stops when asked.
     Until(PathBuf),
     /// Aborts the process.
@@ -37,7 +39,7 @@ pub(crate) enum Script {
 
 /// A text that names no script.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("known are instant, sleep:SECONDS, until:FILE, crash, exit, hang, fail:CODE, panic, oom")]
+#[error("known are instant, sleep:SECONDS, until:FILE, seed, crash, exit, hang, fail:CODE, panic, oom")]
 pub(crate) struct InvalidScript;
 
 impl FromStr for Script {
@@ -55,6 +57,7 @@ impl FromStr for Script {
             Some(("until", file)) => Self::Until(file.into()),
             Some(("fail", code)) => Self::Fail(code.to_owned()),
             None if text == "instant" => Self::Instant,
+            None if text == "seed" => Self::Seed,
             None if text == "crash" => Self::Crash,
             None if text == "exit" => Self::Exit,
             None if text == "hang" => Self::Hang,
@@ -79,12 +82,13 @@ impl Script {
     ///
     /// # Panics
     /// Where the script does.
-    pub(crate) fn run(&self, observer: &dyn Observer) -> Result<Product, Failure> {
+    pub(crate) fn run(&self, seed: u64, observer: &dyn Observer) -> Result<Product, Failure> {
         observer.event(Event::Phase(Phase::Training));
         match self {
             Self::Instant => {}
             Self::Sleep(seconds) => sleep(*seconds, observer)?,
             Self::Until(file) => until(file, observer)?,
+            Self::Seed => sleep(seed as f64 / 1_000.0, observer)?,
             Self::Crash => std::process::abort(),
             Self::Exit => std::process::exit(7),
             Self::Hang => loop {

@@ -1,6 +1,5 @@
 //! The life of a job: every legal way, and the refusal of every other.
 
-use std::collections::HashMap;
 use std::time::Duration;
 
 use meshway::jobs::{
@@ -25,10 +24,7 @@ async fn a_job_goes_from_the_queue_to_its_mesh() {
     assert_eq!(submitted.status, Status::Queued);
     assert_eq!(submitted.settings, bench.new_job().settings);
     assert_eq!(submitted.labels, bench.new_job().labels);
-    assert_eq!(
-        bench.records().queue_position(&submitted.id).await.unwrap(),
-        Some(1)
-    );
+    assert_eq!(bench.position(&submitted.id).await, Some(1));
 
     let claim = bench.claim().await;
     assert_eq!(claim.job.id, submitted.id);
@@ -38,10 +34,7 @@ async fn a_job_goes_from_the_queue_to_its_mesh() {
         bench.store.held_by("w").await.unwrap().unwrap().id,
         submitted.id
     );
-    assert_eq!(
-        bench.records().queue_position(&submitted.id).await.unwrap(),
-        None
-    );
+    assert_eq!(bench.position(&submitted.id).await, None);
 
     bench.pass(LEASE_MS - 1);
     let held = Lease::Held {
@@ -92,13 +85,10 @@ async fn jobs_are_claimed_in_their_order() {
     let bench = Bench::new().await;
     let first = bench.submit().await;
     let second = bench.submit().await;
-    assert_eq!(
-        bench.records().queue_position(&second.id).await.unwrap(),
-        Some(2)
-    );
-    let positions = bench.records().queue_positions().await.unwrap();
-    let expected = [(first.id.clone(), 1), (second.id.clone(), 2)];
-    assert_eq!(positions, HashMap::from(expected));
+    assert_eq!(bench.position(&second.id).await, Some(2));
+    let listed = bench.records().places().await.unwrap();
+    assert_eq!(listed[&second.id].position, 2);
+    assert_eq!((listed.len(), listed[&first.id].position), (2, 1));
     assert_eq!(
         bench.store.oldest_queued().await.unwrap(),
         Some(first.created_at)

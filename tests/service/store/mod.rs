@@ -10,5 +10,6 @@ pub(crate) mod migrations;
 mod moving;
 mod objects;
 pub(crate) mod support;
-mod tenants;
+pub(crate) mod tenants;
+mod turns;
 mod writer;

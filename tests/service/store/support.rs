@@ -105,6 +105,8 @@ impl Bench {
             labels: BTreeMap::from([("patient".to_owned(), "p 1".to_owned())]),
             source: None,
             derived_from: None,
+            priority: 0,
+            cost_seconds: 1.0,
         }
     }
 
@@ -114,6 +116,12 @@ impl Bench {
             .submit(self.new_job(), None)
             .await
             .unwrap()
+    }
+
+    /// The place of a job of ours in the queue.
+    pub(crate) async fn position(&self, id: &JobId) -> Option<u64> {
+        let place = self.records().place(id).await.unwrap();
+        place.map(|place| place.position)
     }
 
     pub(crate) async fn claim(&self) -> Claim {

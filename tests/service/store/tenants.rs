@@ -12,7 +12,7 @@ use crate::store::support::{Bench, new_cloud};
 use crate::who::{ours, us};
 
 /// The migrations of the version before tenants.
-const NINTH: [(&str, &str); 9] = [
+pub(crate) const NINTH: [(&str, &str); 9] = [
     FOURTH[0],
     FOURTH[1],
     FOURTH[2],
@@ -145,9 +145,10 @@ async fn whatever_is_asked_in_the_name_of_another_tenant_finds_nothing() {
     assert_eq!(deletion, CloudDeletion::Missing);
     // Waiting, it has a place in the queue for its tenant alone.
     store.release(&claim).await.unwrap();
-    assert_eq!(records.queue_position(id).await.unwrap(), None);
-    assert!(records.queue_positions().await.unwrap().is_empty());
-    assert_eq!(store.of(ours()).queue_position(id).await.unwrap(), Some(1));
+    assert_eq!(records.place(id).await.unwrap(), None);
+    assert!(records.places().await.unwrap().is_empty());
+    let place = store.of(ours()).place(id).await.unwrap();
+    assert_eq!(place.map(|place| place.position), Some(1));
     // The same bytes are another cloud of the other one.
     let (cloud, created) = acts.insert_cloud(new_cloud("a")).await.unwrap();
     assert!(created && cloud.id != bench.cloud_id);

@@ -511,12 +511,42 @@ export interface paths {
         };
         /**
          * List the keys of the tenant.
-         * @description What the operator's file has, by name, and when each was used last; never a key itself.
+         * @description Those of the operator's file and those that were made here, by name, and when each was used last; never a key itself.
          */
         get: operations["listKeys"];
         put?: never;
-        post?: never;
+        /**
+         * Make a key of the tenant.
+         * @description The answer has the key, this once; only its hash is kept. It can have no scope that the key of the request lacks. Where there are no keys yet, the first one comes from the operator's file.
+         */
+        post: operations["createKey"];
         delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/keys/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description First 8 digits of its SHA-256.
+                 * @example 9f86d081
+                 */
+                id: string;
+            };
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        post?: never;
+        /**
+         * Take a key of the tenant out of use.
+         * @description It opens nothing from then on. Keys of the operator's file are taken out there.
+         */
+        delete: operations["deleteKey"];
         options?: never;
         head?: never;
         patch?: never;
@@ -552,11 +582,11 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Have a browser keep the key of this request.
-         * @description The key is kept for twelve hours in a cookie that scripts cannot read and that other sites cannot use. A request without `Authorization` is then asked for with it. Does nothing where there are no keys.
+         * Have a browser keep the key of this request, or sign in with a name and a password.
+         * @description The key is kept for twelve hours in a cookie that scripts cannot read and that other sites cannot use. A request without `Authorization` is then asked for with it. Does nothing where there are no keys. With `Authorization: Basic` the cookie holds a session, which ends after half an hour without a request, after twelve hours in any case, and with a restart of the service. Ten wrong passwords of an address in a minute, or thirty for a name in five minutes, are answered with 429.
          */
         post: operations["signIn"];
-        /** Have a browser forget its key. */
+        /** Have a browser forget its key, and end its session. */
         delete: operations["signOut"];
         options?: never;
         head?: never;
@@ -773,6 +803,9 @@ export interface components {
             errors: components["schemas"]["ProblemError"][];
         };
         Key: {
+            limits?: components["schemas"]["KeyLimits"];
+            /** @description It stands in the operator's file; else it was made here. */
+            in_file?: boolean;
             /** @description Its name, as the audit trail has it. */
             name: string;
             /** @description First 8 digits of its SHA-256. */
@@ -788,6 +821,23 @@ export interface components {
              * @description Exact to a minute.
              */
             last_used_at: string | null;
+        };
+        KeyRequest: {
+            /** @description As the audit trail shall have it. */
+            name: string;
+            scopes: ("read" | "write" | "delete" | "audit" | "admin")[];
+            /** @description Addresses that it may come from, as in 10.20.0.0/16; empty: all. */
+            networks?: string[];
+            /** Format: date-time */
+            expires_at?: string;
+            limits?: components["schemas"]["KeyLimits"];
+        };
+        /** @description What a key may take; what is left out is limited for the tenant alone. */
+        KeyLimits: {
+            requests_per_minute?: number;
+            queued_jobs?: number;
+            /** @description Of workers, by days of UTC. */
+            compute_seconds_per_day?: number;
         };
         AuditPage: {
             items: components["schemas"]["AuditRow"][];
@@ -827,7 +877,7 @@ export interface components {
             hash: string;
         };
         /** @enum {string} */
-        ProblemCode: "malformed_request" | "malformed_json" | "malformed_multipart" | "bad_header" | "bad_cursor" | "key_in_address" | "body_broken_off" | "unauthenticated" | "forbidden" | "cross_origin_refused" | "not_found" | "method_not_allowed" | "not_acceptable" | "upload_timeout" | "result_not_ready" | "model_unreadable" | "cloud_in_use" | "idempotency_in_flight" | "gone" | "precondition_failed" | "body_too_large" | "too_many_points" | "cloud_needs_memory" | "unsupported_format" | "unsupported_encoding" | "range_not_satisfiable" | "host_not_allowed" | "request_invalid" | "idempotency_mismatch" | "cloud_missing" | "cloud_empty" | "cloud_too_few_points" | "cloud_degenerate" | "cloud_filled" | "slices_unusable" | "cloud_not_finite" | "cloud_too_large" | "cloud_truncated" | "cloud_header" | "cloud_row" | "cloud_no_coordinates" | "orientation_missing" | "source_missing" | "source_unknown" | "normals_invalid" | "settings_invalid" | "settings_conflict" | "grid_too_large" | "training_too_large" | "rate_limited" | "quota" | "head_too_large" | "internal" | "queue_full" | "draining" | "not_ready" | "database_busy" | "insufficient_storage" | "training_diverged" | "no_surface" | "mesh_too_large" | "out_of_memory" | "time_limit" | "worker_crashed";
+        ProblemCode: "malformed_request" | "malformed_json" | "malformed_multipart" | "bad_header" | "bad_cursor" | "key_in_address" | "body_broken_off" | "unauthenticated" | "forbidden" | "cross_origin_refused" | "not_found" | "method_not_allowed" | "not_acceptable" | "upload_timeout" | "result_not_ready" | "model_unreadable" | "cloud_in_use" | "key_name" | "key_in_file" | "idempotency_in_flight" | "gone" | "precondition_failed" | "body_too_large" | "too_many_points" | "cloud_needs_memory" | "unsupported_format" | "unsupported_encoding" | "range_not_satisfiable" | "host_not_allowed" | "request_invalid" | "idempotency_mismatch" | "cloud_missing" | "cloud_empty" | "cloud_too_few_points" | "cloud_degenerate" | "cloud_filled" | "slices_unusable" | "cloud_not_finite" | "cloud_too_large" | "cloud_truncated" | "cloud_header" | "cloud_row" | "cloud_no_coordinates" | "orientation_missing" | "source_missing" | "source_unknown" | "normals_invalid" | "settings_invalid" | "settings_conflict" | "grid_too_large" | "training_too_large" | "rate_limited" | "quota" | "head_too_large" | "internal" | "queue_full" | "draining" | "not_ready" | "database_busy" | "insufficient_storage" | "training_diverged" | "no_surface" | "mesh_too_large" | "out_of_memory" | "time_limit" | "worker_crashed";
         Cloud: {
             id: components["schemas"]["CloudId"];
             sha256: components["schemas"]["Sha256"];
@@ -933,13 +983,20 @@ export interface components {
             settings?: components["schemas"]["Settings"];
             labels?: components["schemas"]["Labels"];
             source?: components["schemas"]["Source"];
+            priority?: components["schemas"]["Priority"];
         };
         Retry: {
             preset?: components["schemas"]["PresetName"];
             settings?: components["schemas"]["Settings"];
             labels?: components["schemas"]["Labels"];
             source?: components["schemas"]["Source"];
+            priority?: components["schemas"]["Priority"];
         };
+        /**
+         * @description Jobs of the tenant with a higher one go first. Between tenants it counts nothing.
+         * @default 0
+         */
+        Priority: number;
         /** @description The settings as they would be, and an estimate. */
         DryRun: {
             /** @constant */
@@ -1125,10 +1182,12 @@ export interface components {
             failures?: number;
             cancel_requested?: boolean;
             progress: number;
-            /** @description Estimated seconds to the end. */
+            /** @description Estimated seconds to the end, also while it waits. */
             eta_seconds: number | null;
-            /** @description 1 is next. */
+            /** @description 1 is next. Tenants take turns, so later jobs of others may go first. */
             queue_position: number | null;
+            /** @description Jobs of the tenant with a higher one go first. */
+            priority?: number;
             evaluations?: number;
             loss?: number | null;
             /** @description Id of its newest event. */
@@ -1760,6 +1819,7 @@ export interface components {
             labels: number;
             /** @description Of the key and of the value of a label. */
             label_characters: number;
+            priority?: components["schemas"]["NumberBounds"];
             /** @description Entries of a list of evaluations in the settings. */
             chosen_evaluations: number;
             /** @description Memory of a grid, as it is estimated; null without a limit. */
@@ -1886,6 +1946,15 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
+        /** @description `key_name`: the tenant has one of this name; `key_in_file`: the operator's file decides. */
+        KeyConflict: {
+            headers: {
+                [name: string]: unknown;
+            };
+            content: {
+                "application/problem+json": components["schemas"]["Problem"];
+            };
+        };
         /** @description `cloud_in_use`, `idempotency_in_flight`, `result_not_ready`: try again later. */
         Conflict: {
             headers: {
@@ -1988,7 +2057,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description `rate_limited`: too many streams. */
+        /** @description `rate_limited`: too many streams, or requests; `quota`: the tenant or the key has taken all that it may. `violated-policies` names the limits, as `RateLimit-Policy` and `RateLimit` do. */
         RateLimited: {
             headers: {
                 "Retry-After": components["headers"]["RetryAfter"];
@@ -3574,6 +3643,79 @@ export interface operations {
             default: components["responses"]["Problem"];
         };
     };
+    createKey: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                /**
+                 * @example {
+                 *       "name": "pacs",
+                 *       "scopes": [
+                 *         "read",
+                 *         "write"
+                 *       ]
+                 *     }
+                 */
+                "application/json": components["schemas"]["KeyRequest"];
+            };
+        };
+        responses: {
+            /** @description The key. */
+            201: {
+                headers: {
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Key"] & {
+                        /** @description What the header Authorization bears. */
+                        key: string;
+                    };
+                };
+            };
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            409: components["responses"]["KeyConflict"];
+            422: components["responses"]["Invalid"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    deleteKey: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description First 8 digits of its SHA-256.
+                 * @example 9f86d081
+                 */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description It is out of use. */
+            204: {
+                headers: {
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            404: components["responses"]["NotFound"];
+            409: components["responses"]["KeyConflict"];
+            422: components["responses"]["Invalid"];
+            default: components["responses"]["Problem"];
+        };
+    };
     listAudit: {
         parameters: {
             query?: {
@@ -3615,7 +3757,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The browser has the key. */
+            /** @description The browser has the key, or a session. */
             204: {
                 headers: {
                     /** @description The cookie; none where there are no keys. */

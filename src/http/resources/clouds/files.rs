@@ -13,7 +13,7 @@ use crate::http::upload::{Upload, blocking};
 use crate::http::wire::error::{ApiError, Result};
 use crate::identity::Caller;
 use crate::intake::{File, Summary};
-use crate::jobs::{Act, AuditOutcome, Cloud, CloudDeletion, CloudId, NewCloud};
+use crate::jobs::{Act, AuditOutcome, Cloud, CloudDeletion, CloudId, Error, NewCloud};
 
 /// Where the bytes of a cloud are.
 pub(in crate::http) fn path(app: &AppState, sha256: &str) -> PathBuf {
@@ -66,7 +66,8 @@ pub(in crate::http) async fn keep(
         summary,
     };
     let target = path(app, &new.sha256);
-    let _shared = app.cloud_files.read().await;
+    let sha256 = new.sha256.clone();
+    let shared = app.cloud_files.read().await;
     blocking(move || -> std::io::Result<()> {
         let Some(folder) = target.parent() else {
             return Ok(());
@@ -78,7 +79,24 @@ pub(in crate::http) async fn keep(
     })
     .await?
     .map_err(ApiError::internal)?;
-    Ok(app.store.by(caller).insert_cloud(new).await?)
+    let inserted = app.store.by(caller).insert_cloud(new).await;
+    drop(shared);
+    if matches!(inserted, Err(Error::Quota { .. })) {
+        let _alone = app.cloud_files.write().await;
+        remove_unheld(app, &sha256).await?;
+    }
+    Ok(inserted?)
+}
+
+/// Removes a file that no cloud has. The lock must be held exclusively.
+async fn remove_unheld(app: &AppState, sha256: &str) -> Result<()> {
+    if !app.store.holds_sha256(sha256).await?
+        && let Err(error) = tokio::fs::remove_file(path(app, sha256)).await
+    {
+        // The next start removes files without a row.
+        tracing::warn!(error.message = %error, "the file of a cloud that is gone stays");
+    }
+    Ok(())
 }
 
 /// Whether the cloud could be read only because its orientation was assumed: without leave for that
@@ -99,12 +117,8 @@ pub(in crate::http) async fn erase(
 ) -> Result<CloudDeletion> {
     let _alone = app.cloud_files.write().await;
     let deletion = app.store.by(caller).delete_cloud(id).await?;
-    if let CloudDeletion::Deleted(cloud) = &deletion
-        && !app.store.holds_sha256(&cloud.sha256).await?
-        && let Err(error) = tokio::fs::remove_file(path(app, &cloud.sha256)).await
-    {
-        // The next start removes files without a row.
-        tracing::warn!(error.message = %error, "the file of an erased cloud stays");
+    if let CloudDeletion::Deleted(cloud) = &deletion {
+        remove_unheld(app, &cloud.sha256).await?;
     }
     Ok(deletion)
 }

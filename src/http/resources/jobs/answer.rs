@@ -20,8 +20,8 @@ pub(in crate::http) fn url(job: &Job) -> String {
 }
 
 /// The job as JSON.
-pub(in crate::http) fn body(job: &Job, queue_position: Option<u64>) -> Vec<u8> {
-    let body = serde_json::to_vec(&api::Job::new(job, queue_position));
+pub(in crate::http) fn body(job: &Job, place: Option<api::Place>) -> Vec<u8> {
+    let body = serde_json::to_vec(&api::Job::new(job, place));
     body.expect("its keys are strings")
 }
 
@@ -29,9 +29,9 @@ pub(in crate::http) fn body(job: &Job, queue_position: Option<u64>) -> Vec<u8> {
 pub(in crate::http) fn answer(
     status: StatusCode,
     job: &Job,
-    queue_position: Option<u64>,
+    place: Option<api::Place>,
 ) -> Response {
-    let body = body(job, queue_position);
+    let body = body(job, place);
     let tag = etag(&body);
     let json = [(CONTENT_TYPE, HeaderValue::from_static("application/json"))];
     let mut response = (status, json, body).into_response();
@@ -54,9 +54,9 @@ pub(in crate::http) fn answer(
 pub(in crate::http) fn poll(
     request: &HeaderMap,
     job: &Job,
-    queue_position: Option<u64>,
+    place: Option<api::Place>,
 ) -> Result<Response> {
-    let mut response = answer(StatusCode::OK, job, queue_position);
+    let mut response = answer(StatusCode::OK, job, place);
     response.headers_mut().remove(LOCATION);
     let tag = response.headers().get(ETAG).cloned();
     let tag = tag.ok_or_else(|| ApiError::internal("a job has no ETag"))?;

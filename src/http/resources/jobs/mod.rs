@@ -76,8 +76,8 @@ pub(in crate::http) async fn create(
         (None, Some(id)) => find_cloud(&app, &caller.tenant, id).await?,
         (None, None) => return Err(ApiError::internal("a job without a cloud was let in")),
     };
-    asked.check(&app.config, Some(&cloud.summary))?;
-    let job = submit(&app, &caller, asked.of_cloud(cloud.id), attempt).await?;
+    let cost = asked.check(&app.config, Some(&cloud.summary))?;
+    let job = submit(&app, &caller, asked.of_cloud(cloud.id, &cost), attempt).await?;
     wish.answer(&app, &caller, job).await
 }
 
@@ -121,13 +121,13 @@ pub(in crate::http) async fn list(
     let PageOf { items, next } = page.cut(listed, |job| job.id.to_string());
     let waits = items.iter().any(|job| job.status == Status::Queued);
     let places = if waits {
-        records.queue_positions().await?
+        records.places().await?
     } else {
         HashMap::new()
     };
     let shown = items
         .iter()
-        .map(|job| api::Job::new(job, places.get(&job.id).copied()))
+        .map(|job| api::Job::new(job, places.get(&job.id).map(|place| app.shown(place))))
         .collect();
     Ok(next.answer(&uri, shown))
 }
@@ -139,7 +139,7 @@ pub(in crate::http) async fn show(
     Found(job): Found,
     headers: HeaderMap,
 ) -> Result<Response> {
-    poll(&headers, &job, position(&app, &job).await?)
+    poll(&headers, &job, place(&app, &job).await?)
 }
 
 /// `POST /v1/jobs/{id}/cancel`: whatever came first, the answer is the true state.
@@ -191,8 +191,8 @@ pub(in crate::http) async fn retry(
     }
     let asked = JobRequest::again(&job, members)?;
     let cloud = find_cloud(&app, &caller.tenant, &job.cloud_id).await?;
-    asked.check(&app.config, Some(&cloud.summary))?;
-    let job = submit(&app, &caller, asked.of_cloud(cloud.id), attempt).await?;
+    let cost = asked.check(&app.config, Some(&cloud.summary))?;
+    let job = submit(&app, &caller, asked.of_cloud(cloud.id, &cost), attempt).await?;
     wish.answer(&app, &caller, job).await
 }
 
@@ -269,10 +269,11 @@ async fn find_cloud(app: &AppState, tenant: &Tenant, id: &CloudId) -> Result<Clo
     cloud.ok_or_else(|| Error::CloudMissing(id.clone()).into())
 }
 
-async fn position(app: &AppState, job: &Job) -> Result<Option<u64>> {
-    if job.status == Status::Queued {
-        Ok(app.store.of(&job.tenant).queue_position(&job.id).await?)
-    } else {
-        Ok(None)
+/// Where a job stands while it waits.
+pub(in crate::http) async fn place(app: &AppState, job: &Job) -> Result<Option<api::Place>> {
+    if job.status != Status::Queued {
+        return Ok(None);
     }
+    let place = app.store.of(&job.tenant).place(&job.id).await?;
+    Ok(place.map(|place| app.shown(&place)))
 }

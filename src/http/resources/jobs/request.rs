@@ -1,6 +1,7 @@
 //! The request for a job, checked as far as possible before any work.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 
 use serde_json::{Map, Value, json};
 
@@ -21,6 +22,9 @@ pub(in crate::http) const MAX_LABELS: usize = 16;
 /// Most characters of a label's key and of its value.
 pub(in crate::http) const MAX_LABEL_LENGTH: usize = 64;
 
+/// The priorities that a job may have: they order the jobs of one tenant.
+pub(in crate::http) const PRIORITIES: RangeInclusive<i64> = -9..=9;
+
 const MIB: u64 = 1 << 20;
 
 /// A job that is asked for, with complete settings.
@@ -35,10 +39,11 @@ pub(in crate::http) struct JobRequest {
     labels: BTreeMap<String, String>,
     source: Option<Choice>,
     derived_from: Option<JobId>,
+    priority: i64,
 }
 
 impl JobRequest {
-    /// Reads `cloud_id`, `preset`, `settings`, `labels` and `source`; `preset` and `source` of the
+    /// Reads `cloud_id`, `preset`, `settings`, `labels`, `source` and `priority`; `preset` and `source` of the
     /// address may stand in for those of the body.
     ///
     /// # Errors
@@ -63,6 +68,7 @@ impl JobRequest {
             .or(preset);
         let given = members.take("settings", object);
         let labels = labels(&mut members);
+        let priority = members.take("priority", priority);
         members.finish()?;
         let preset = preset.unwrap_or_default();
         Ok(Self {
@@ -72,6 +78,7 @@ impl JobRequest {
             labels: labels.unwrap_or_default(),
             source,
             derived_from: None,
+            priority: priority.unwrap_or(0),
         })
     }
 
@@ -87,6 +94,7 @@ impl JobRequest {
         let given = members.take("settings", object).unwrap_or_default();
         let source = members.take("source", extract::json::<Choice>);
         let labels = labels(&mut members);
+        let priority = members.take("priority", priority);
         members.finish()?;
         let mut base = match preset {
             Some(_) => Value::Object(Map::new()),
@@ -101,6 +109,7 @@ impl JobRequest {
             labels: labels.unwrap_or_else(|| job.labels.clone()),
             source: source.or_else(|| job.source.clone()),
             derived_from: Some(job.id.clone()),
+            priority: priority.unwrap_or(job.priority),
         })
     }
 
@@ -206,8 +215,8 @@ impl JobRequest {
         ))
     }
 
-    /// The job to submit, for the given cloud.
-    pub(in crate::http) fn of_cloud(self, cloud_id: CloudId) -> NewJob {
+    /// The job to submit, for the given cloud, at the cost that [`JobRequest::check`] gave.
+    pub(in crate::http) fn of_cloud(self, cloud_id: CloudId, cost: &Cost) -> NewJob {
         NewJob {
             cloud_id,
             preset: self.preset,
@@ -215,6 +224,8 @@ impl JobRequest {
             labels: self.labels,
             source: self.source,
             derived_from: self.derived_from,
+            priority: self.priority,
+            cost_seconds: cost.seconds,
         }
     }
 }
@@ -251,6 +262,15 @@ fn object(value: Value) -> std::result::Result<Map<String, Value>, String> {
         Value::Object(object) => Ok(object),
         _ => Err("must be an object".to_owned()),
     }
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "as members are taken")]
+fn priority(value: Value) -> std::result::Result<i64, String> {
+    let given = value.as_i64().filter(|given| PRIORITIES.contains(given));
+    given.ok_or_else(|| {
+        let (least, most) = PRIORITIES.into_inner();
+        format!("must be a whole number from {least} to {most}")
+    })
 }
 
 fn labels(members: &mut Members) -> Option<BTreeMap<String, String>> {

@@ -9,6 +9,7 @@ use axum::response::Response;
 use crate::http::AppState;
 use crate::http::resources::jobs::answer::{PREFERENCE_APPLIED, answer, url};
 use crate::http::resources::jobs::found::found;
+use crate::http::resources::jobs::place;
 use crate::http::resources::meshes::{self, View};
 use crate::http::resources::witness::witnessed;
 use crate::http::wire::error::{ApiError, Code, Result};
@@ -66,18 +67,17 @@ impl Wish {
         job: Job,
     ) -> Result<Response> {
         let Some(wait) = self.wait else {
-            let position = if self.place {
-                app.store.of(&job.tenant).queue_position(&job.id).await?
+            let place = if self.place {
+                place(app, &job).await?
             } else {
                 None
             };
-            return Ok(answer(StatusCode::ACCEPTED, &job, position));
+            return Ok(answer(StatusCode::ACCEPTED, &job, place));
         };
         let job = until_ended(app, &job, wait).await?;
         let mut response = match (job.status, self.mesh) {
             (Status::Queued | Status::Running, _) => {
-                let position = app.store.of(&job.tenant).queue_position(&job.id).await?;
-                answer(StatusCode::ACCEPTED, &job, position)
+                answer(StatusCode::ACCEPTED, &job, place(app, &job).await?)
             }
             (Status::Succeeded, Some(format)) => mesh(app, caller, &job, format).await?,
             (Status::Failed, Some(_)) => return Err(failure(&job)),

@@ -69,6 +69,12 @@ acts! {
     FieldRead "R" "field.read";
     /// The audit trail was read.
     AuditRead "R" "audit.read";
+    /// A key was made.
+    KeyCreate "C" "key.create";
+    /// A key was taken out of use.
+    KeyDelete "D" "key.delete";
+    /// Somebody signed in with a password.
+    SessionCreate "E" "session.create";
     /// Somebody without a good key was refused.
     AuthFail "E" "auth.fail";
     /// The holder of a key was refused for want of a scope.
@@ -102,9 +108,9 @@ pub struct AuditRow {
     pub at: i64,
     /// Whose records; none for a stranger's.
     pub tenant: Option<String>,
-    /// Name of the key; none for a stranger.
+    /// Name of the key or of the user; none for a stranger.
     pub actor: Option<String>,
-    /// First digits of the key's hash.
+    /// First digits of the key's hash; none for users.
     pub key: Option<String>,
     /// The other end of the connection.
     pub address: Option<String>,
@@ -319,6 +325,7 @@ impl Transaction<'_> {
         let head = head_of(head);
         let (tenant, actor, key) = match &caller.actor {
             Actor::Key { name, id } => (Some(&caller.tenant), Some(name), Some(id)),
+            Actor::User { name } => (Some(&caller.tenant), Some(name), None),
             Actor::Stranger | Actor::Anybody => (None, None, None),
         };
         let mut row = AuditRow {

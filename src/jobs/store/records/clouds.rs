@@ -12,6 +12,9 @@ use crate::jobs::{Cloud, CloudDeletion, CloudId, NewCloud, Result};
 
 impl Acts<'_> {
     /// Writes the row of a cloud. If the tenant has one with the same bytes, returns that and `false`.
+    ///
+    /// # Errors
+    /// `Quota`.
     pub async fn insert_cloud(self, new: NewCloud) -> Result<(Cloud, bool)> {
         let caller = self.caller.clone();
         self.store.write(move |mut tx| {
@@ -37,6 +40,10 @@ impl Acts<'_> {
                     .fetch_one(&mut *tx.db)
                     .await?;
                 let (cloud, created) = (cloud_of(&row)?, inserted.rows_affected() == 1);
+                if created {
+                    // It is among the stored bytes already.
+                    tx.check_bytes(&caller, 0).await?;
+                }
                 let act = if created { Act::CloudCreate } else { Act::CloudMatch };
                 tx.witness(&caller, act, cloud.id.as_str()).await?;
                 Ok((cloud, created))

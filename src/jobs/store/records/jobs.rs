@@ -1,13 +1,12 @@
 //! Jobs as clients see them: submitted, found, listed, cancelled, erased.
 
-use std::collections::HashMap;
-
+use sqlx::Executor;
 use sqlx::sqlite::{Sqlite, SqliteRow};
-use sqlx::{Executor, Row};
 
 use super::audit::Act;
 use super::idempotency::{Idempotency, Subject};
 use super::outcome::{Fence, Outcome};
+use super::queue::cost_ms;
 use super::row::{Columns, to_json};
 use super::tombstones;
 use crate::identity::{Caller, Tenant};
@@ -40,13 +39,13 @@ impl Acts<'_> {
     /// answer; all in one transaction. An answer means that the job is on disk.
     ///
     /// # Errors
-    /// `QueueFull`, `CloudMissing`.
+    /// `QueueFull`, `CloudMissing`, `Quota`.
     pub async fn submit(self, new: NewJob, idempotency: Option<Idempotency>) -> Result<Job> {
         let caller = self.caller.clone();
         self.store
             .write(move |mut tx| {
                 Box::pin(async move {
-                    let job = tx.insert_job(&new, &caller.tenant).await?;
+                    let job = tx.insert_job(&new, &caller).await?;
                     tx.witness(&caller, Act::JobCreate, job.id.as_str()).await?;
                     if let Some(idempotency) = idempotency {
                         tx.keep_answer(idempotency, &job).await?;
@@ -87,43 +86,6 @@ impl Records<'_> {
             Some(job) => Ok(Lookup::Found(Box::new(job))),
             None => find_tombstone(self.readers(), id, self.tenant).await,
         }
-    }
-
-    /// Place of a waiting job in the queue, which all tenants share, 1 for the next one; none when it
-    /// does not wait.
-    pub async fn queue_position(self, id: &JobId) -> Result<Option<u64>> {
-        let select = "SELECT EXISTS (SELECT 1 FROM jobs WHERE id = ?1 AND tenant = ?2)";
-        let own: bool = sqlx::query_scalar(select)
-            .bind(id.as_str())
-            .bind(self.tenant.as_str())
-            .fetch_one(self.readers())
-            .await?;
-        if own {
-            position(self.readers(), id).await
-        } else {
-            Ok(None)
-        }
-    }
-
-    /// The places of the waiting jobs of the tenant, for lists: counting for each of them would read
-    /// the queue as often.
-    ///
-    /// # Errors
-    /// As every read.
-    pub async fn queue_positions(self) -> Result<HashMap<JobId, u64>> {
-        let rows = sqlx::query(
-            "SELECT id, tenant FROM jobs WHERE status = 'queued' ORDER BY created_at, id",
-        )
-        .fetch_all(self.readers())
-        .await?;
-        let place = |(before, row): (u64, &SqliteRow)| -> Result<Option<_>> {
-            let columns = Columns::new("jobs", row);
-            let own = columns.get::<&str>("tenant")? == self.tenant.as_str();
-            let id: JobId = columns.parsed("id")?;
-            Ok(own.then_some((id, before + 1)))
-        };
-        let places = (0..).zip(&rows).map(place);
-        places.filter_map(Result::transpose).collect()
     }
 
     /// A page of jobs, newest first; `before` is the last one of the page before it.
@@ -245,11 +207,11 @@ impl Transaction<'_> {
         Ok(Lookup::Found(Box::new(job)))
     }
 
-    async fn insert_job(&mut self, new: &NewJob, tenant: &Tenant) -> Result<Job> {
+    async fn insert_job(&mut self, new: &NewJob, caller: &Caller) -> Result<Job> {
         let select = "SELECT 1 FROM clouds WHERE id = ?1 AND tenant = ?2";
         let cloud: Option<i64> = sqlx::query_scalar(select)
             .bind(new.cloud_id.as_str())
-            .bind(tenant.as_str())
+            .bind(caller.tenant.as_str())
             .fetch_optional(&mut *self.db)
             .await?;
         if cloud.is_none() {
@@ -262,11 +224,12 @@ impl Transaction<'_> {
         if waiting as u64 >= limit {
             return Err(Error::QueueFull { limit });
         }
+        self.check_job(caller).await?;
         let id = JobId::new();
         sqlx::query(
             "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, derived_from,
-                 created_at, source, tenant)
-             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+                 created_at, source, tenant, priority, cost_ms, account)
+             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
         )
         .bind(id.as_str())
         .bind(new.cloud_id.as_str())
@@ -276,24 +239,18 @@ impl Transaction<'_> {
         .bind(new.derived_from.as_ref().map(JobId::as_str))
         .bind(self.now)
         .bind(new.source.as_ref().map(to_json))
-        .bind(tenant.as_str())
+        .bind(caller.tenant.as_str())
+        .bind(new.priority)
+        .bind(cost_ms(new.cost_seconds))
+        .bind(caller.account().into_owned())
         .execute(&mut *self.db)
         .await?;
-        // Behind the waiting jobs, which were counted above.
         let queued = NewEvent::Queued {
-            position: Some(waiting as u64 + 1),
+            position: self.queue_position(&id).await?,
             reason: None,
         };
         self.append_event(&id, &queued).await?;
         self.load_job(&id).await
-    }
-
-    /// Place of a waiting job in the queue.
-    pub(in crate::jobs::store) async fn queue_position(
-        &mut self,
-        id: &JobId,
-    ) -> Result<Option<u64>> {
-        position(&mut *self.db, id).await
     }
 
     /// A job that is known to be here.
@@ -326,19 +283,6 @@ pub(in crate::jobs::store) async fn find_tombstone<'e>(
     Ok(tombstone.map_or(Lookup::Missing, Lookup::Gone))
 }
 
-async fn position<'e>(db: impl Executor<'e, Database = Sqlite>, id: &JobId) -> Result<Option<u64>> {
-    // If the job does not wait, the right side is NULL and nothing is counted.
-    let row = sqlx::query(
-        "SELECT COUNT(*) FROM jobs WHERE status = 'queued' AND (created_at, id) <=
-             (SELECT created_at, id FROM jobs WHERE id = ?1 AND status = 'queued')",
-    )
-    .bind(id.as_str())
-    .fetch_one(db)
-    .await?;
-    let place: i64 = row.try_get(0)?;
-    Ok((place > 0).then_some(place as u64))
-}
-
 fn counts_of(rows: &[SqliteRow]) -> Result<Counts> {
     let count = |row: &SqliteRow| {
         let columns = Columns::new("jobs", row);
@@ -366,6 +310,7 @@ pub(in crate::jobs::store) fn job_of(row: &SqliteRow) -> Result<Job> {
         labels: columns.json("labels")?,
         source: columns.optional_json("source")?,
         derived_from: columns.name("derived_from")?,
+        priority: columns.get("priority")?,
         created_at: columns.get("created_at")?,
         started_at: columns.get("started_at")?,
         finished_at: columns.get("finished_at")?,

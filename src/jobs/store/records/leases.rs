@@ -19,7 +19,7 @@ use crate::jobs::{
 };
 
 impl Store {
-    /// Takes the job that has waited longest, for `lease_ms` milliseconds, and writes `job.started`
+    /// Takes the job whose turn it is, for `lease_ms` milliseconds, and writes `job.started`
     /// or `job.attempt_started`. Rows that an earlier attempt wrote after its last checkpoint are
     /// erased: this attempt writes them again.
     pub async fn claim(&self, worker: &str, lease_ms: i64) -> Result<Option<Claim>> {
@@ -30,22 +30,23 @@ impl Store {
         let worker = worker.to_owned();
         self.write(move |mut tx| {
             Box::pin(async move {
+                let Some((id, turn)) = tx.next_in_queue().await? else {
+                    return Ok(None);
+                };
+                tx.take_turn(&id, turn).await?;
                 let row = sqlx::query(
                     "UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = ?1,
                          lease_until = ?2 + ?3, started_at = COALESCE(started_at, ?2),
-                         phase = NULL, progress = 0, eta_seconds = NULL, loss = NULL
-                     WHERE id = (SELECT id FROM jobs WHERE status = 'queued'
-                                 ORDER BY created_at, id LIMIT 1)
-                     RETURNING *",
+                         phase = NULL, progress = 0, eta_seconds = NULL, loss = NULL,
+                         counted_at = ?2
+                     WHERE id = ?4 RETURNING *",
                 )
                 .bind(&worker)
                 .bind(tx.now)
                 .bind(lease_ms)
-                .fetch_optional(&mut *tx.db)
+                .bind(id.as_str())
+                .fetch_one(&mut *tx.db)
                 .await?;
-                let Some(row) = row else {
-                    return Ok(None);
-                };
                 let job = job_of(&row)?;
                 let event = if job.attempt == 1 {
                     NewEvent::Started { worker }
@@ -72,10 +73,12 @@ impl Store {
     pub async fn renew(&self, claim: &Claim, lease_ms: i64, worked: Duration) -> Result<Lease> {
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
         let worked_ms = integer(worked.as_millis() as u64);
-        self.write(move |tx| {
+        self.write(move |mut tx| {
             Box::pin(async move {
+                tx.count_work(Fence::running(&id, attempt)).await?;
                 let cancel_requested: Option<i64> = sqlx::query_scalar(
-                    "UPDATE jobs SET lease_until = ?3, worked_ms = MAX(worked_ms, ?4)
+                    "UPDATE jobs SET lease_until = ?3, worked_ms = MAX(worked_ms, ?4),
+                         counted_at = ?5
                      WHERE id = ?1 AND attempt = ?2 AND status = 'running'
                      RETURNING cancel_requested",
                 )
@@ -83,6 +86,7 @@ impl Store {
                 .bind(attempt)
                 .bind(tx.now + lease_ms)
                 .bind(worked_ms)
+                .bind(tx.now)
                 .fetch_optional(&mut *tx.db)
                 .await?;
                 Ok(cancel_requested.map_or(Lease::Lost, |asked| Lease::Held {

@@ -76,9 +76,10 @@ impl Transaction<'_> {
             Outcome::Succeeded { report, .. } => (None, Some(to_json(report))),
             Outcome::Requeued(_) | Outcome::Cancelled => (None, None),
         };
+        self.count_work(fence).await?;
         let changed = sqlx::query(
             "UPDATE jobs SET status = ?4, finished_at = ?5, error = ?6, report = ?7,
-                 worker = NULL, lease_until = NULL, eta_seconds = NULL,
+                 worker = NULL, lease_until = NULL, counted_at = NULL, eta_seconds = NULL,
                  progress = CASE ?4 WHEN 'succeeded' THEN 1.0 ELSE progress END
              WHERE id = ?1 AND attempt = ?2 AND status = ?3",
         )
@@ -96,6 +97,9 @@ impl Transaction<'_> {
         }
         if status.is_final() {
             self.bury_checkpoint(fence.id).await?;
+        }
+        if matches!(outcome, Outcome::Requeued(Requeue::Released)) {
+            self.give_turn_back(fence.id).await?;
         }
         let event = match outcome {
             Outcome::Requeued(reason) => NewEvent::Queued {

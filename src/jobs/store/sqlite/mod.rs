@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
 /// Names and texts of the migrations, in their order.
 pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 10] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 12] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -89,6 +89,11 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 10] = [
         "tenants",
         include_str!("../../../../migrations/0010_tenants.sql"),
     ),
+    (
+        "turns",
+        include_str!("../../../../migrations/0011_turns.sql"),
+    ),
+    ("keys", include_str!("../../../../migrations/0012_keys.sql")),
 ];
 
 /// A connection to the database, migrated. SQLite refuses to change the journal of a new database while another

@@ -1,0 +1,207 @@
+//! Whose job is next, and how much was worked for whom.
+//!
+//! Tenants take turns, weighed by the estimated cost of their jobs; the view `queue` of the database
+//! is the one definition of the order (migration 0011 has the rule). What is claimed moves its tenant
+//! on by its cost. Within a tenant a higher priority goes first, then what was submitted first.
+
+use std::collections::HashMap;
+
+use sqlx::sqlite::Sqlite;
+use sqlx::{Executor, Row};
+
+use super::outcome::Fence;
+use super::row::{Columns, integer};
+use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::{Records, Store};
+use crate::jobs::{JobId, Place, Result};
+
+/// Days that worked time is kept.
+const COMPUTE_DAYS: i64 = 40;
+
+/// Longest time between two countings, in milliseconds: a renewal is due long before. A clock that
+/// was set forward must not use up the day of a tenant.
+const LONGEST_COUNT_MS: i64 = 60_000;
+
+/// Days of worked time are those of UTC.
+pub(in crate::jobs::store) const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
+
+impl Records<'_> {
+    /// Where a waiting job of the tenant stands; none when it does not wait.
+    pub async fn place(self, id: &JobId) -> Result<Option<Place>> {
+        let select = "SELECT EXISTS (SELECT 1 FROM jobs WHERE id = ?1 AND tenant = ?2)";
+        let own: bool = sqlx::query_scalar(select)
+            .bind(id.as_str())
+            .bind(self.tenant.as_str())
+            .fetch_one(self.readers())
+            .await?;
+        if !own {
+            return Ok(None);
+        }
+        let Some((position, upto_ms, cost_ms)) = place(self.readers(), id).await? else {
+            return Ok(None);
+        };
+        let running_ms = running_ms(self.readers()).await?;
+        Ok(Some(Place {
+            position,
+            before_ms: running_ms + upto_ms - cost_ms,
+            cost_ms,
+        }))
+    }
+
+    /// The places of the waiting jobs of the tenant, for lists: looking for each of them would read
+    /// the queue as often.
+    pub async fn places(self) -> Result<HashMap<JobId, Place>> {
+        let mut before_ms = running_ms(self.readers()).await?;
+        let rows =
+            sqlx::query("SELECT id, tenant, cost_ms FROM queue ORDER BY turn, created_at, id")
+                .fetch_all(self.readers())
+                .await?;
+        let mut places = HashMap::new();
+        for (position, row) in (1..).zip(&rows) {
+            let columns = Columns::new("jobs", row);
+            let cost_ms = columns.count("cost_ms")?;
+            if columns.get::<&str>("tenant")? == self.tenant.as_str() {
+                let place = Place {
+                    position,
+                    before_ms,
+                    cost_ms,
+                };
+                places.insert(columns.parsed("id")?, place);
+            }
+            before_ms += cost_ms;
+        }
+        Ok(places)
+    }
+}
+
+impl Store {
+    /// Forgets worked time that no limit looks at any more.
+    pub async fn forget_compute(&self) -> Result<()> {
+        self.write(|tx| {
+            Box::pin(async move {
+                sqlx::query("DELETE FROM compute WHERE day < ?1")
+                    .bind(tx.now.div_euclid(DAY_MS) - COMPUTE_DAYS)
+                    .execute(tx.db)
+                    .await?;
+                Ok(())
+            })
+        })
+        .await
+    }
+}
+
+impl Transaction<'_> {
+    /// The job that is next, and its turn.
+    pub(in crate::jobs::store) async fn next_in_queue(&mut self) -> Result<Option<(JobId, i64)>> {
+        let row = sqlx::query("SELECT id, turn FROM queue ORDER BY turn, created_at, id LIMIT 1")
+            .fetch_optional(&mut *self.db)
+            .await?;
+        let Some(row) = row else {
+            return Ok(None);
+        };
+        let columns = Columns::new("jobs", &row);
+        Ok(Some((columns.parsed("id")?, columns.get("turn")?)))
+    }
+
+    /// Moves the service to the turn of a claimed job, and its tenant beyond it.
+    pub(in crate::jobs::store) async fn take_turn(&mut self, id: &JobId, turn: i64) -> Result<()> {
+        sqlx::query("UPDATE now_served SET turn = ?1")
+            .bind(turn)
+            .execute(&mut *self.db)
+            .await?;
+        sqlx::query(
+            "INSERT INTO turns (tenant, served_ms)
+                 SELECT tenant, ?2 + cost_ms FROM jobs WHERE id = ?1
+             ON CONFLICT (tenant) DO UPDATE SET served_ms = excluded.served_ms",
+        )
+        .bind(id.as_str())
+        .bind(turn)
+        .execute(&mut *self.db)
+        .await?;
+        Ok(())
+    }
+
+    /// Gives a tenant its turn back: its job was interrupted through no fault of its own.
+    pub(in crate::jobs::store) async fn give_turn_back(&mut self, id: &JobId) -> Result<()> {
+        sqlx::query(
+            "UPDATE turns SET served_ms =
+                 MAX(served_ms - (SELECT cost_ms FROM jobs WHERE id = ?1), 0)
+             WHERE tenant = (SELECT tenant FROM jobs WHERE id = ?1)",
+        )
+        .bind(id.as_str())
+        .execute(&mut *self.db)
+        .await?;
+        Ok(())
+    }
+
+    /// Adds the time since it was last counted to what was worked for whom submitted a running job.
+    pub(in crate::jobs::store) async fn count_work(&mut self, fence: Fence<'_>) -> Result<()> {
+        sqlx::query(
+            "INSERT INTO compute (day, tenant, account, ms)
+                 SELECT ?2, tenant, account, MIN(MAX(?3 - counted_at, 0), ?4) FROM jobs
+                 WHERE id = ?1 AND attempt = ?5 AND counted_at IS NOT NULL
+             ON CONFLICT (day, tenant, account) DO UPDATE SET ms = ms + excluded.ms",
+        )
+        .bind(fence.id.as_str())
+        .bind(self.now.div_euclid(DAY_MS))
+        .bind(self.now)
+        .bind(LONGEST_COUNT_MS)
+        .bind(fence.attempt)
+        .execute(&mut *self.db)
+        .await?;
+        Ok(())
+    }
+
+    /// Number of a waiting job in the queue, 1 for the next one.
+    pub(in crate::jobs::store) async fn queue_position(
+        &mut self,
+        id: &JobId,
+    ) -> Result<Option<u64>> {
+        let place = place(&mut *self.db, id).await?;
+        Ok(place.map(|(position, ..)| position))
+    }
+}
+
+/// Number of a waiting job in the queue, the estimated work up to its end, and its own.
+async fn place<'e>(
+    db: impl Executor<'e, Database = Sqlite>,
+    id: &JobId,
+) -> Result<Option<(u64, u64, u64)>> {
+    let row = sqlx::query(
+        "WITH waiting AS MATERIALIZED (SELECT * FROM queue),
+              own AS (SELECT * FROM waiting WHERE id = ?1)
+         SELECT COUNT(*) AS position, SUM(waiting.cost_ms) AS upto_ms, own.cost_ms AS cost_ms
+         FROM own JOIN waiting ON (waiting.turn, waiting.created_at, waiting.id)
+                               <= (own.turn, own.created_at, own.id)
+         GROUP BY own.id",
+    )
+    .bind(id.as_str())
+    .fetch_optional(db)
+    .await?;
+    row.map(|row| {
+        let columns = Columns::new("jobs", &row);
+        Ok((
+            columns.count("position")?,
+            columns.count("upto_ms")?,
+            columns.count("cost_ms")?,
+        ))
+    })
+    .transpose()
+}
+
+/// Estimated work that is left of the running jobs, in milliseconds.
+async fn running_ms<'e>(db: impl Executor<'e, Database = Sqlite>) -> Result<u64> {
+    let row = sqlx::query(
+        "SELECT TOTAL(COALESCE(1000.0 * eta_seconds, cost_ms)) FROM jobs
+         WHERE status = 'running'",
+    )
+    .fetch_one(db)
+    .await?;
+    let left: f64 = row.try_get(0)?;
+    Ok(left.max(0.0) as u64)
+}
+
+/// Estimated seconds as milliseconds, at least one: each job moves its tenant on.
+pub(in crate::jobs::store) fn cost_ms(seconds: f64) -> i64 {
+    integer((1_000.0 * seconds).clamp(1.0, 1e12) as u64)
+}
