@@ -12,6 +12,8 @@ pub enum Actor {
     Anybody,
     /// Somebody without a key that is good.
     Stranger,
+    /// The service itself: what has expired is erased, and what was cut is finished.
+    Service,
     /// The holder of a key.
     Key {
         /// Name in the configuration.
@@ -53,6 +55,15 @@ impl Caller {
         Self {
             scopes: Scopes::default(),
             actor: Actor::Stranger,
+            ..Self::anybody()
+        }
+    }
+
+    /// The service itself, in the name of a tenant.
+    pub fn service(tenant: Tenant) -> Self {
+        Self {
+            tenant,
+            actor: Actor::Service,
             ..Self::anybody()
         }
     }

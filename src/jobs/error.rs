@@ -27,6 +27,9 @@ pub enum Error {
     /// The job names a cloud that is not here.
     #[error("there is no cloud {0}")]
     CloudMissing(CloudId),
+    /// It is held: nobody may erase it.
+    #[error("it is held; whoever may erase it can lift the hold first")]
+    Held,
     /// The claim is over: the job ended, was erased, or runs in another attempt.
     #[error("the claim on the job is over")]
     Stale,
@@ -62,6 +65,7 @@ impl Error {
             Self::Full(_) => "insufficient_storage",
             Self::QueueFull { .. } => "queue_full",
             Self::CloudMissing(_) => "cloud_missing",
+            Self::Held => "held",
             Self::Stale => "stale_attempt",
             Self::Closed => "draining",
             Self::SnapshotAtZero

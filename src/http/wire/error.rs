@@ -134,6 +134,15 @@ impl ApiError {
         self
     }
 
+    /// What is kept of it.
+    pub fn kept(&self) -> jobs::Problem {
+        jobs::Problem {
+            retryable: self.code.entry().retryable,
+            errors: self.errors.clone(),
+            ..jobs::Problem::new(self.code.entry().name, self.detail.clone())
+        }
+    }
+
     /// Its code.
     pub fn code(&self) -> Code {
         self.code
@@ -181,13 +190,18 @@ impl IntoResponse for ApiError {
 
 impl From<&jobs::Problem> for api::Problem {
     fn from(problem: &jobs::Problem) -> Self {
-        let error = ApiError {
-            errors: problem.errors.clone(),
-            ..ApiError::new(Code::from_name(&problem.code), problem.detail.clone())
-        };
         Self {
             retryable: problem.retryable,
-            ..error.body(None)
+            ..ApiError::from(problem).body(None)
+        }
+    }
+}
+
+impl From<&jobs::Problem> for ApiError {
+    fn from(problem: &jobs::Problem) -> Self {
+        Self {
+            errors: problem.errors.clone(),
+            ..Self::new(Code::from_name(&problem.code), problem.detail.clone())
         }
     }
 }
@@ -201,7 +215,7 @@ impl From<jobs::Error> for ApiError {
             jobs::Error::QueueFull { .. } => {
                 Self::new(Code::QueueFull, error.to_string()).retry_after(10)
             }
-            jobs::Error::Busy | jobs::Error::Closed => {
+            jobs::Error::Held | jobs::Error::Busy | jobs::Error::Closed => {
                 Self::new(Code::from_name(error.code()), error.to_string())
             }
             jobs::Error::Full(_) => {

@@ -10,6 +10,7 @@ use crate::http::AppState;
 use crate::http::resources::jobs::answer::{PREFERENCE_APPLIED, answer, url};
 use crate::http::resources::jobs::found::found;
 use crate::http::resources::meshes;
+use crate::http::resources::retention::counted;
 use crate::http::resources::witness::witnessed;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::preferred_wait;
@@ -127,7 +128,7 @@ async fn until_ended(app: &AppState, job: &Job, wait: Duration) -> Result<Job> {
 async fn mesh(app: &AppState, caller: &Caller, job: &Job, format: Format) -> Result<Response> {
     let response = meshes::respond(app, job, 0, (format, None), &HeaderMap::new()).await?;
     let response = witnessed(app, caller, (Act::MeshRead, job.id.as_str()), response).await?;
-    let mut response = meshes::varies(response);
+    let mut response = meshes::varies(counted(app, job, response));
     let described = format!("<{}>; rel=\"describedby\"", url(job));
     for (name, value) in [(LOCATION, url(job)), (LINK, described)] {
         let value = HeaderValue::try_from(value).map_err(ApiError::internal)?;

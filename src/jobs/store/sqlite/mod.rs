@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
 /// Names and texts of the migrations, in their order.
 pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 10] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 12] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -88,6 +88,14 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 10] = [
     (
         "tenants",
         include_str!("../../../../migrations/0010_tenants.sql"),
+    ),
+    (
+        "uploads",
+        include_str!("../../../../migrations/0013_uploads.sql"),
+    ),
+    (
+        "retention",
+        include_str!("../../../../migrations/0014_retention.sql"),
     ),
 ];
 
