@@ -14,6 +14,8 @@ use crate::server::{Folder, PATIENCE, until};
 use crate::who::{ours, us};
 
 const JOBS: usize = 40;
+/// Kills of servers, which cost a start each.
+const KILLS: usize = 10;
 
 #[tokio::test]
 async fn what_has_expired_goes_once_whenever_the_server_is_killed() {
@@ -50,9 +52,9 @@ async fn what_has_expired_goes_once_whenever_the_server_is_killed() {
     let mut random = ChaCha8Rng::seed_from_u64(4);
     let left = async || folder.store.due_jobs(1_000).await.unwrap().len();
     let mut kills = 0;
-    while left().await > 0 && kills < 2 * JOBS {
+    while left().await > 0 && kills < KILLS {
         let server = folder.serve(&[]).await;
-        tokio::time::sleep(Duration::from_millis(random.random_range(0..60))).await;
+        tokio::time::sleep(Duration::from_millis(random.random_range(0..200))).await;
         drop(server);
         kills += 1;
     }
