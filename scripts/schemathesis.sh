@@ -58,6 +58,12 @@ include-path-regex = "^/v1/(audit|clouds|jobs|jobs/[{]id[}]/retry)$"
 [operations.checks.positive_data_acceptance]
 expected-statuses = ["2xx", "304", "400", "404", "409", "410", "413", "415", "422"]
 
+# Headers of two protocols, which are refused together and each without the other's.
+[[operations]]
+include-path-regex = "^/v1/uploads"
+[operations.checks.positive_data_acceptance]
+expected-statuses = ["2xx", "304", "400", "404", "409", "410", "412", "413", "415", "422"]
+
 [[operations]]
 include-path-regex = "^/v1/jobs/[{]id[}]/(events|metrics|gradients|mask|report|model|field)"
 parameters = { "path.id" = "$job" }

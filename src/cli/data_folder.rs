@@ -15,7 +15,7 @@ use rustix::fs::Mode;
 use rustix::process::umask;
 
 use super::Failure;
-use crate::folder::{self, CACHE, CLOUDS, UPLOADS, names as own_files};
+use crate::folder::{self, CACHE, CLOUDS, RESUMABLE, UPLOADS, names as own_files};
 use crate::jobs::{Store, store};
 
 /// File that the server of the folder holds.
@@ -70,13 +70,18 @@ impl<'a> DataFolder<'a> {
         Ok(Self { path, _lock: lock })
     }
 
-    /// Removes uploads that broke off, and files of clouds without a row. A file that is older than
-    /// the database stays: its row may be in the database that was here before.
+    /// Removes uploads that broke off and cannot go on, and files without a row. A cloud's file that is older
+    /// than the database stays: its row may be in the database that was here before.
     pub(super) async fn sweep(&self, store: &Store) -> Result<(), Failure> {
         let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
         let known: BTreeSet<_> = store.sha256s().await.map_err(failed)?.into_iter().collect();
         let made_at = store.made_at().await.map_err(failed)?;
         self.remove(UPLOADS, |name, _| own_files::is_temporary(name))?;
+        let going_on = store.uploads_with_files().await.map_err(failed)?;
+        let going_on: BTreeSet<_> = going_on.into_iter().collect();
+        self.remove(RESUMABLE, |name, _| {
+            own_files::is_resumable(name) && !going_on.contains(name)
+        })?;
         let mut older = 0;
         self.remove(CLOUDS, |name, entry| {
             if !own_files::is_cloud(name) || known.contains(name) {
@@ -176,7 +181,7 @@ async fn check_ownership(path: &Path) -> Result<(), Failure> {
 fn is_bare(path: &Path, name: &str) -> bool {
     let place = path.join(name);
     match name {
-        CLOUDS | UPLOADS | CACHE => names(&place).is_ok_and(|names| names.is_empty()),
+        CLOUDS | UPLOADS | RESUMABLE | CACHE => names(&place).is_ok_and(|names| names.is_empty()),
         LOCK | store::DATABASE_FILE => {
             fs::symlink_metadata(place).is_ok_and(|file| file.is_file() && file.len() == 0)
         }

@@ -15,7 +15,7 @@ use super::files::Sink;
 use super::worker::Orders;
 use super::{Cli, Command, Failure, Substitute, logging, upkeep};
 use crate::config::{ClientAuth, Config, file_arguments};
-use crate::http::{self, App, Tls, TlsFiles};
+use crate::http::{self, App, AppState, Tls, TlsFiles};
 use crate::identity::Keyring;
 use crate::jobs::{Store, Supervisor, store, supervisor, worker};
 
@@ -161,6 +161,7 @@ async fn serve(
         upkeep::reload_keys(file.clone(), config.keys.clone())?;
     }
     tokio::spawn(upkeep::keep_audit(store.clone(), config.clone()));
+    tokio::spawn(http::keep_sweeping(AppState::clone(&app)));
     let scheme = if tls.is_some() { "https" } else { "http" };
     tracing::info!("listening on {scheme}://{address}");
     if tls.is_none() && !config.keys.is_empty() && !config.listen.ip().is_loopback() {

@@ -5,6 +5,7 @@
 //! into the flags of the same name before the command line is read, see [`file_arguments`].
 
 mod file;
+mod ttl;
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
@@ -15,8 +16,11 @@ use serde::{Deserialize, Serialize};
 use crate::identity::Keyring;
 
 pub use file::{FileError, file_arguments};
+pub use ttl::Ttl;
 
 const MIB: u64 = 1024 * 1024;
+
+const HOUR_MS: i64 = 60 * 60 * 1_000;
 
 /// Memory of a worker besides grid and training: program, libtorch, cloud.
 const WORKER_BASE_MIB: u64 = 256;
@@ -96,6 +100,21 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_BODY_LIMIT_MIB", default_value_t = 512,
           value_parser = clap::value_parser!(u64).range(1..=65_536))]
     pub body_limit_mib: u64,
+
+    /// Hours that an upload which was cut is kept without further bytes (`/v1/uploads`).
+    #[arg(long, env = "MESHWAY_UPLOAD_KEEP_HOURS", default_value_t = 24,
+          value_parser = clap::value_parser!(u16).range(1..=720))]
+    pub upload_keep_hours: u16,
+
+    /// How long clouds are kept after their upload, as in 30d or 12h; without it, until somebody
+    /// erases them. A client may ask for another time (`ttl`).
+    #[arg(long, env = "MESHWAY_CLOUD_TTL")]
+    pub cloud_ttl: Option<Ttl>,
+
+    /// How long jobs are kept after their end, with meshes, networks and curves, as in 30d or 12h;
+    /// without it, until somebody erases them. A client may ask for another time (`ttl`).
+    #[arg(long, env = "MESHWAY_JOB_TTL")]
+    pub job_ttl: Option<Ttl>,
 
     /// Most points of a cloud.
     #[arg(long, env = "MESHWAY_MAX_POINTS", default_value_t = 5_000_000,
@@ -230,6 +249,11 @@ impl Config {
     /// Largest upload in bytes.
     pub fn body_limit_bytes(&self) -> u64 {
         self.body_limit_mib * MIB
+    }
+
+    /// How long an upload that was cut is kept without further bytes, in milliseconds.
+    pub fn upload_keep_ms(&self) -> i64 {
+        i64::from(self.upload_keep_hours) * HOUR_MS
     }
 
     /// Origins of other sites whose pages may use the service.

@@ -3,6 +3,7 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -60,6 +61,8 @@ pub struct Disk {
     folder: PathBuf,
     reserve_bytes: u64,
     reserve_percent: u64,
+    /// Bytes that were promised to uploads and are not written yet.
+    promised_bytes: AtomicU64,
     last: Mutex<Option<(Instant, Space)>>,
 }
 
@@ -70,6 +73,7 @@ impl Disk {
             folder,
             reserve_bytes: reserve_mib.saturating_mul(MIB),
             reserve_percent: u64::from(reserve_percent),
+            promised_bytes: AtomicU64::new(0),
             last: Mutex::new(None),
         }
     }
@@ -96,11 +100,26 @@ impl Disk {
             .max(total_bytes / 100 * self.reserve_percent)
     }
 
-    /// Checks that the reserve stays free after writing this many bytes more.
+    /// Sets how many bytes are promised to uploads and not written yet: nobody else may have them.
+    pub fn promise(&self, bytes: u64) {
+        self.promised_bytes.store(bytes, Ordering::Relaxed);
+    }
+
+    /// Checks that the reserve stays free after writing this many bytes more, and all that was
+    /// promised.
     ///
     /// # Errors
     /// Why not.
     pub fn check(&self, more_bytes: u64) -> Result<(), Shortage> {
+        let promised = self.promised_bytes.load(Ordering::Relaxed);
+        self.check_promised(more_bytes.saturating_add(promised))
+    }
+
+    /// [`Disk::check`] for bytes that are among the promised ones.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn check_promised(&self, more_bytes: u64) -> Result<(), Shortage> {
         let space = self.space()?;
         let reserve_bytes = self.reserve_bytes(space.total_bytes);
         if space.free_bytes >= reserve_bytes.saturating_add(more_bytes) {

@@ -14,6 +14,8 @@ pub use disk::{Disk, Shortage, Space};
 pub const CLOUDS: &str = "clouds";
 /// Folder of uploads under way.
 pub const UPLOADS: &str = "tmp";
+/// Folder of uploads that may go on after they were cut, by their ids.
+pub const RESUMABLE: &str = "uploads";
 /// Folder of encoded meshes.
 pub const CACHE: &str = "cache";
 
@@ -31,7 +33,7 @@ pub fn make(path: &Path) -> io::Result<()> {
 /// # Errors
 /// When one cannot be made.
 pub fn make_places(path: &Path) -> io::Result<()> {
-    let places = [CLOUDS, UPLOADS, CACHE];
+    let places = [CLOUDS, UPLOADS, RESUMABLE, CACHE];
     places.iter().try_for_each(|place| make(&path.join(place)))
 }
 

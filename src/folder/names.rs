@@ -27,6 +27,13 @@ pub fn is_cloud(name: &str) -> bool {
     name.len() == HASH_DIGITS && name.bytes().all(digit)
 }
 
+/// Whether an upload that may go on has such a name: its id.
+pub fn is_resumable(name: &str) -> bool {
+    let digit = |b: u8| matches!(b, b'0'..=b'9' | b'a'..=b'f');
+    let digits = name.strip_prefix("upl_");
+    digits.is_some_and(|digits| digits.len() == 32 && digits.bytes().all(digit))
+}
+
 /// Whether a mesh that was encoded for a download has such a name, or is about to get it.
 pub fn is_encoding(name: &str) -> bool {
     let kept = name
@@ -79,6 +86,7 @@ mod tests {
     fn only_names_that_are_made_here_are_ours() {
         let hash = "0123456789abcdef".repeat(4);
         assert!(is_cloud(&hash) && is_temporary(".tmpAb3xY9"));
+        assert!(is_resumable(&format!("upl_{}", &hash[32..])));
         assert!(is_encoding(&format!("{hash}.ply")) && is_encoding(".tmpAb3xY9"));
         for other in [
             "scan.ply",
@@ -101,6 +109,7 @@ mod tests {
                 !is_cloud(other) && !is_temporary(other) && !is_encoding(other),
                 "{other}"
             );
+            assert!(!is_resumable(other), "{other}");
         }
         assert!(!is_cloud(&format!("{hash}.ply")) && !is_encoding(&hash));
     }

@@ -27,7 +27,7 @@ use axum::routing::{MethodFilter, MethodRouter, on};
 use crate::config::Config;
 use crate::identity::Scope;
 use door::{base, keys, observe, origin, tags};
-use resources::{clouds, events, field, jobs, meshes, series, session, trust};
+use resources::{clouds, events, field, jobs, meshes, retention, series, session, trust, uploads};
 use tower::util::option_layer;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{Predicate, SizeAbove};
@@ -41,11 +41,14 @@ pub use system::docs::OPENAPI;
 pub use telemetry::Telemetry;
 pub use wire::error;
 
+/// How often it is looked for what has expired.
+const SWEEP_EVERY: Duration = Duration::from_mins(1);
+
 /// How long a browser may cache the answer to a preflight request.
 const PREFLIGHT: Duration = Duration::from_mins(10);
 
 /// Response headers that such a page may read.
-const EXPOSED: [&str; 14] = [
+const EXPOSED: [&str; 21] = [
     "content-disposition",
     "content-range",
     "etag",
@@ -58,6 +61,13 @@ const EXPOSED: [&str; 14] = [
     "ratelimit",
     "ratelimit-policy",
     "retry-after",
+    "tus-resumable",
+    "upload-complete",
+    "upload-defer-length",
+    "upload-expires",
+    "upload-length",
+    "upload-limit",
+    "upload-offset",
     "www-authenticate",
     "x-request-id",
 ];
@@ -90,12 +100,20 @@ fn intake() -> Vec<Operation> {
         post("/v1/clouds", WRITE, clouds::create),
         get("/v1/clouds", READ, clouds::list),
         get("/v1/clouds/{id}", READ, clouds::show),
+        patch("/v1/clouds/{id}", DELETE, clouds::keep),
         delete("/v1/clouds/{id}", DELETE, clouds::erase),
         get("/v1/clouds/{id}/content", READ, clouds::content),
         get("/v1/clouds/{id}/points", READ, clouds::points::subset),
+        options("/v1/uploads", OPEN, uploads::options),
+        post("/v1/uploads", WRITE, uploads::create),
+        get("/v1/uploads/{id}", WRITE, uploads::show),
+        patch("/v1/uploads/{id}", WRITE, uploads::append),
+        delete("/v1/uploads/{id}", WRITE, uploads::erase),
         post("/v1/jobs", WRITE, jobs::create),
         get("/v1/jobs", READ, jobs::list),
+        delete("/v1/jobs", DELETE, jobs::erase_labelled),
         get("/v1/jobs/{id}", READ, jobs::show),
+        patch("/v1/jobs/{id}", DELETE, jobs::keep),
         delete("/v1/jobs/{id}", DELETE, jobs::erase),
         post("/v1/jobs/{id}/cancel", WRITE, jobs::cancel),
         post("/v1/jobs/{id}/retry", WRITE, jobs::retry),
@@ -170,7 +188,13 @@ fn cors(config: &Config) -> Option<CorsLayer> {
         .filter_map(|origin| HeaderValue::from_str(origin).ok())
         .collect();
     let layer = CorsLayer::new()
-        .allow_methods([Method::GET, Method::HEAD, Method::POST, Method::DELETE])
+        .allow_methods([
+            Method::GET,
+            Method::HEAD,
+            Method::POST,
+            Method::PATCH,
+            Method::DELETE,
+        ])
         .allow_headers(AllowHeaders::mirror_request())
         .expose_headers(EXPOSED.map(HeaderName::from_static))
         .max_age(PREFLIGHT);
@@ -222,6 +246,26 @@ fn handlers(state: AppState) -> Router {
         .with_state(state)
 }
 
+/// Finishes what the last server left, and erases what has expired.
+///
+/// # Errors
+/// Those of the store; what was not done is done by the next call.
+pub async fn sweep(app: &AppState) -> error::Result<()> {
+    uploads::settle::sweep(app).await?;
+    retention::sweep(app).await
+}
+
+/// [`sweep`] again and again. Never ends.
+pub async fn keep_sweeping(app: AppState) {
+    loop {
+        if let Err(error) = sweep(&app).await {
+            let code = error.code().entry().name;
+            tracing::warn!(code, "what has expired was not erased");
+        }
+        tokio::time::sleep(SWEEP_EVERY).await;
+    }
+}
+
 async fn nothing_here(uri: Uri) -> ApiError {
     let length = uri.path().len().min(200);
     let path = uri.path().get(..length).unwrap_or_default();
@@ -253,6 +297,27 @@ fn post<H: Handler<T, AppState>, T: 'static>(
     handler: H,
 ) -> Operation {
     operation((Method::POST, MethodFilter::POST), path, scope, handler)
+}
+
+fn patch<H: Handler<T, AppState>, T: 'static>(
+    path: &'static str,
+    scope: Option<Scope>,
+    handler: H,
+) -> Operation {
+    operation((Method::PATCH, MethodFilter::PATCH), path, scope, handler)
+}
+
+fn options<H: Handler<T, AppState>, T: 'static>(
+    path: &'static str,
+    scope: Option<Scope>,
+    handler: H,
+) -> Operation {
+    operation(
+        (Method::OPTIONS, MethodFilter::OPTIONS),
+        path,
+        scope,
+        handler,
+    )
 }
 
 fn delete<H: Handler<T, AppState>, T: 'static>(

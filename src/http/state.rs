@@ -19,6 +19,7 @@ use crate::http::resources::meshes::cache::MeshCache;
 use crate::http::telemetry::gauges::Gauges;
 use crate::http::telemetry::{Telemetry, own};
 use crate::http::upload::bodies::Bodies;
+use crate::http::upload::parts::Turns;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::intake::Reader;
 use crate::jobs::{Place, Store, Workers};
@@ -57,6 +58,8 @@ pub struct App {
     pub(in crate::http) reader: Reader,
     /// Memory for bodies that are held in memory.
     pub(in crate::http) bodies: Bodies,
+    /// Whose turn it is at uploads that may go on.
+    pub(in crate::http) turns: Turns,
     /// Uploads take it shared, erasing takes it exclusively: see `resources/clouds/files.rs`.
     pub(in crate::http) cloud_files: RwLock<()>,
     /// New events, for streams.
@@ -111,6 +114,7 @@ impl App {
             sessions: Sessions::default(),
             passwords: Passwords::default(),
             started_at: store.now(),
+            turns: Turns::default(),
             cloud_files: RwLock::new(()),
             reader: Reader::new(config.max_points, config.body_limit_bytes(), program),
             bodies: Bodies::default(),

@@ -13,6 +13,8 @@ pub enum Actor {
     Anybody,
     /// Somebody without a key that is good.
     Stranger,
+    /// The service itself: what has expired is erased, and what was cut is finished.
+    Service,
     /// The holder of a key.
     Key {
         /// Name in the configuration.
@@ -66,6 +68,15 @@ impl Caller {
         }
     }
 
+    /// The service itself, in the name of a tenant.
+    pub fn service(tenant: Tenant) -> Self {
+        Self {
+            tenant,
+            actor: Actor::Service,
+            ..Self::anybody()
+        }
+    }
+
     /// The same, for the request of this id from this address.
     #[must_use]
     pub fn asking(self, address: Option<IpAddr>, request: &str) -> Self {
@@ -79,7 +90,7 @@ impl Caller {
     /// What limits are counted by: the id of the key, or the name of the user; empty for others.
     pub fn account(&self) -> Cow<'_, str> {
         match &self.actor {
-            Actor::Anybody | Actor::Stranger => Cow::Borrowed(""),
+            Actor::Anybody | Actor::Stranger | Actor::Service => Cow::Borrowed(""),
             Actor::Key { id, .. } => Cow::Borrowed(id),
             // No id of a key has a colon.
             Actor::User { name } => Cow::Owned(format!("user:{name}")),

@@ -242,6 +242,7 @@ impl Keyring {
                 let user = ring.users.get(name);
                 user.is_some_and(|user| user.tenant == caller.tenant)
             }
+            Actor::Service => true,
             Actor::Anybody | Actor::Stranger => self.is_empty(),
         }
     }

@@ -16,6 +16,10 @@ pub struct Cloud {
     pub summary: Summary,
     /// When it was first uploaded, in milliseconds since the epoch.
     pub created_at: i64,
+    /// When it is erased; none where it is kept for ever.
+    pub expires_at: Option<i64>,
+    /// Whether it must not be erased.
+    pub hold: bool,
 }
 
 /// A cloud whose file is in place and whose row is to be written.
@@ -27,6 +31,8 @@ pub struct NewCloud {
     pub bytes: u64,
     /// What the upload found.
     pub summary: Summary,
+    /// How long it is kept, in milliseconds; none: for ever.
+    pub keep_ms: Option<i64>,
 }
 
 /// What became of the wish to erase a cloud.

@@ -36,6 +36,9 @@ pub enum Error {
     /// The job names a cloud that is not here.
     #[error("there is no cloud {0}")]
     CloudMissing(CloudId),
+    /// It is held: nobody may erase it.
+    #[error("it is held; whoever may erase it can lift the hold first")]
+    Held,
     /// The claim is over: the job ended, was erased, or runs in another attempt.
     #[error("the claim on the job is over")]
     Stale,
@@ -72,6 +75,7 @@ impl Error {
             Self::QueueFull { .. } => "queue_full",
             Self::Quota { .. } => "quota",
             Self::CloudMissing(_) => "cloud_missing",
+            Self::Held => "held",
             Self::Stale => "stale_attempt",
             Self::Closed => "draining",
             Self::SnapshotAtZero

@@ -71,6 +71,11 @@ identifier!(
     CloudId,
     "cld"
 );
+identifier!(
+    /// Names an upload: `upl_` and a `UUIDv7` without hyphens.
+    UploadId,
+    "upl"
+);
 
 fn is_well_formed(text: &str, prefix: &str) -> bool {
     text.strip_prefix(prefix).is_some_and(|rest| {

@@ -117,6 +117,12 @@ pub struct Job {
     pub started_at: Option<i64>,
     /// When it reached its final state.
     pub finished_at: Option<i64>,
+    /// How long it is kept after its end.
+    pub keep: Keep,
+    /// When it is erased; none before its end, and where it is kept for ever.
+    pub expires_at: Option<i64>,
+    /// Whether it must not be erased.
+    pub hold: bool,
     /// Number of the present or last attempt, 0 before the first: the fence of every write.
     pub attempt: i64,
     /// Failed attempts. A release does not count.
@@ -166,6 +172,8 @@ pub struct NewJob {
     pub priority: i64,
     /// Estimated work in seconds, by which tenants take turns.
     pub cost_seconds: f64,
+    /// How long it is kept after its end.
+    pub keep: Keep,
 }
 
 /// Where a waiting job stands, in the queue that all tenants share.
@@ -186,6 +194,24 @@ impl Place {
         let workers = u64::from(workers.max(1));
         ((self.before_ms / workers + self.cost_ms) as f64 / 100.0).round() / 10.0
     }
+}
+
+/// How long something is kept.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Keep {
+    /// In milliseconds; none: for ever.
+    pub ms: Option<i64>,
+    /// Whether a job goes as soon as its mesh was fetched whole.
+    pub once: bool,
+}
+
+/// A change of how long something is kept; `None` leaves it as it is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct KeepChange {
+    /// For how long.
+    pub keep: Option<Keep>,
+    /// Whether it must not be erased.
+    pub hold: Option<bool>,
 }
 
 /// Which jobs a list shows; `None` asks for no restriction.
@@ -230,8 +256,30 @@ impl Lookup {
 pub struct Tombstone {
     /// When it was erased, in milliseconds since the epoch.
     pub deleted_at: i64,
-    /// Why: `deleted`, by a client.
+    /// Why: the name of a [`Reason`].
     pub reason: String,
+}
+
+/// Why something was erased.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reason {
+    /// A client wanted it.
+    Deleted,
+    /// Its time was over.
+    Expired,
+    /// What was known of it and what was there did not agree any more.
+    Lost,
+}
+
+impl Reason {
+    /// Its name in the database and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Deleted => "deleted",
+            Self::Expired => "expired",
+            Self::Lost => "lost",
+        }
+    }
 }
 
 /// Number of jobs in each state.

@@ -34,6 +34,7 @@ mod id;
 mod job;
 pub mod store;
 pub mod supervisor;
+mod upload;
 pub mod worker;
 
 pub use crate::reconstruction::report::Verdict;
@@ -41,14 +42,17 @@ pub use attempt::{Claim, FailureReason, Fault, Lease, NewMesh, Problem, Record, 
 pub use cloud::{Cloud, CloudDeletion, NewCloud};
 pub use error::Error;
 pub use event::{Event, EventKind, NewEvent, Requeue};
-pub use id::{CloudId, InvalidId, JobId};
-pub use job::{Counts, Job, JobFilter, Lookup, NewJob, Place, Status, Tombstone};
+pub use id::{CloudId, InvalidId, JobId, UploadId};
+pub use job::{
+    Counts, Job, JobFilter, Keep, KeepChange, Lookup, NewJob, Place, Reason, Status, Tombstone,
+};
 pub use store::{
     Act, Acts, AuditFault, AuditHead, AuditOutcome, AuditRow, Checkpoint, Idempotency,
     IdempotencyState, MeshInfo, Options, Records, Store, StoredResponse, Subject,
 };
 
 pub use supervisor::{Supervisor, Workers};
+pub use upload::{NewUpload, Step, Upload, UploadEnd};
 pub use worker::Worker;
 
 /// Result of the room.

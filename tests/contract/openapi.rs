@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 static CONTRACT: LazyLock<Value> = LazyLock::new(|| yaml_serde::from_str(OPENAPI).unwrap());
 
-const METHODS: [&str; 5] = ["get", "post", "put", "patch", "delete"];
+const METHODS: [&str; 6] = ["get", "post", "put", "patch", "delete", "options"];
 
 fn schema(name: &str) -> &'static Value {
     &CONTRACT["components"]["schemas"][name]

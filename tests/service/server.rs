@@ -8,7 +8,9 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use meshway::jobs::store::DATABASE_FILE;
-use meshway::jobs::{CloudId, Event, Job, JobId, NewCloud, NewJob, Status, Store, store::Options};
+use meshway::jobs::{
+    CloudId, Event, Job, JobId, Keep, NewCloud, NewJob, Status, Store, store::Options,
+};
 use meshway::reconstruction::cloud::Format;
 use meshway::reconstruction::settings::{Preset, Settings};
 use rustix::process::{Pid, Signal, kill_process};
@@ -54,6 +56,7 @@ impl Folder {
             sha256,
             bytes: bytes.len() as u64,
             summary: summary(Format::Xyz, POINTS as u64),
+            keep_ms: None,
         };
         let (cloud, _) = store.by(us()).insert_cloud(new).await.unwrap();
         Self {
@@ -117,6 +120,7 @@ impl Folder {
             derived_from: None,
             priority: 0,
             cost_seconds: 1.0,
+            keep: Keep::default(),
         };
         self.store.by(us()).submit(new, None).await.unwrap().id
     }

@@ -1,7 +1,7 @@
 //! Tenants take turns at one worker, whatever the others have put into the queue.
 
 use meshway::identity::Caller;
-use meshway::jobs::{Event, EventKind, JobId, NewJob};
+use meshway::jobs::{Event, EventKind, JobId, Keep, NewJob};
 use meshway::reconstruction::{Preset, Settings};
 use serde_json::json;
 
@@ -24,6 +24,7 @@ async fn a_job_of_half_a_second_starts_after_one_of_a_hundred_long_ones() {
             derived_from: None,
             priority: 0,
             cost_seconds,
+            keep: Keep::default(),
         };
         let acts = folder.store.by(caller);
         acts.submit(new, None).await.unwrap().id

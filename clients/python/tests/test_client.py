@@ -6,11 +6,12 @@ import os
 import pathlib
 import tempfile
 import unittest
+from unittest import mock
 from urllib.parse import urlsplit
 
 import numpy
 from cutting import Cutting
-from meshway_client import AsyncMeshway, JobCancelled, Meshway, MeshwayError, TimedOut, Unreachable
+from meshway_client import AsyncMeshway, JobCancelled, Meshway, MeshwayError, TimedOut, Unreachable, steps
 
 URL = os.environ["MESHWAY_URL"]
 SMALL = {"training": {"max_evaluations": 20}, "surface": {"resolution": 24}}
@@ -138,6 +139,21 @@ class Served(unittest.TestCase):
         impatient = self.proxied([0, 0], retries=0)[1]
         with self.assertRaises(Unreachable):
             impatient.job(job)
+
+    def test_a_large_file_goes_on_where_a_connection_broke(self):
+        data = text(sphere(3000))
+        path = self.path("a person.xyz")
+        path.write_bytes(data)
+        proxy, client = self.proxied([2000, 700, 0, 400, 1100])
+        with mock.patch.multiple(steps, LARGE=10_000, PART=20_000):
+            cloud = client.upload(path)
+        self.assertGreater(len(proxy.sent), 5)
+        self.assertEqual(cloud.raw["bytes"], len(data))
+        self.assertEqual(self.client.upload(data).id, cloud.id)
+        self.assertNotIn(b"a person", b"".join(proxy.sent))
+        with mock.patch.multiple(steps, LARGE=10, PART=20), self.assertRaises(MeshwayError) as refused:
+            self.client.upload(b"1 2 3\n" * 20)
+        self.assertEqual(refused.exception.code, "cloud_degenerate")
 
     def test_an_erasure_whose_answer_was_lost_is_one(self):
         cloud = self.client.upload(sphere(70, seed=9))

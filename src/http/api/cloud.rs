@@ -28,6 +28,8 @@ pub(in crate::http) struct Cloud<'a> {
     warnings: &'a [Notice],
     segmentation: Option<&'a Contents>,
     created_at: Time,
+    expires_at: Option<Time>,
+    hold: bool,
     links: Links,
 }
 
@@ -59,6 +61,8 @@ impl<'a> From<&'a jobs::Cloud> for Cloud<'a> {
             warnings: &summary.warnings,
             segmentation: summary.segmentation.as_deref(),
             created_at: Time(cloud.created_at),
+            expires_at: cloud.expires_at.map(Time),
+            hold: cloud.hold,
             links: Links {
                 content: format!("{own}/content"),
                 points: format!("{own}/points"),

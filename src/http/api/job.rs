@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::{Problem, Time};
+use crate::config::Ttl;
 use crate::jobs::assessment::Assessment;
 use crate::jobs::{self, CloudId, JobId, Status};
 use crate::reconstruction::medical::Choice;
@@ -36,6 +37,9 @@ pub(in crate::http) struct Job<'a> {
     created_at: Time,
     started_at: Option<Time>,
     finished_at: Option<Time>,
+    ttl: Option<String>,
+    expires_at: Option<Time>,
+    hold: bool,
     error: Option<Problem>,
     #[serde(flatten)]
     assessment: Assessment,
@@ -97,6 +101,9 @@ impl<'a> Job<'a> {
             created_at: Time(job.created_at),
             started_at: job.started_at.map(Time),
             finished_at: job.finished_at.map(Time),
+            ttl: ttl(job),
+            expires_at: job.expires_at.map(Time),
+            hold: job.hold,
             error: job.error.as_ref().map(Problem::from),
             assessment: Assessment::of(job.report.as_ref()),
             links: Links::of(job),
@@ -125,6 +132,26 @@ impl Links {
             own,
         }
     }
+}
+
+/// How long it is kept after its end, as a client may say it; none: for ever.
+fn ttl(job: &jobs::Job) -> Option<String> {
+    if job.keep.once {
+        return Some("download".to_owned());
+    }
+    let ttl = job.keep.ms.and_then(Ttl::of_ms);
+    ttl.map(|ttl| ttl.to_string())
+}
+
+/// Jobs and clouds that were erased together.
+#[derive(Debug, Default, Serialize)]
+pub(in crate::http) struct Erased {
+    /// Jobs that were erased.
+    pub(in crate::http) jobs: u64,
+    /// Clouds that were erased.
+    pub(in crate::http) clouds: u64,
+    /// Jobs that stay because they are held.
+    pub(in crate::http) held: u64,
 }
 
 /// Whether its cloud came from a label map, so that its mesh can be one.

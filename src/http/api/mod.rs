@@ -14,17 +14,19 @@ mod result;
 mod system;
 mod time;
 mod trust;
+mod upload;
 
 use serde::Serialize;
 
 pub(in crate::http) use cloud::Cloud;
 pub(in crate::http) use event::{AllReset, EventItem, EventPage, JobReset, SucceededLinks};
-pub(in crate::http) use job::{DryRun, Job, Place};
+pub(in crate::http) use job::{DryRun, Erased, Job, Place};
 pub(in crate::http) use problem::Problem;
 pub(in crate::http) use result::{Blocks, JobItems, Series, Snapshot};
 pub(in crate::http) use system::{Check, Limits, Live, PresetItem, Range, Ready, Version};
 pub(in crate::http) use time::{Time, milliseconds};
 pub(in crate::http) use trust::{AuditRow, Key, NewKey};
+pub(in crate::http) use upload::Upload;
 
 /// A page of a list.
 #[derive(Debug, Serialize)]

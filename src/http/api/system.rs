@@ -71,6 +71,10 @@ pub(in crate::http) struct Limits {
     pub(in crate::http) idempotency_key_characters: usize,
     /// Seconds that an answer is kept under its key.
     pub(in crate::http) idempotency_seconds: i64,
+    /// Seconds that an upload is kept without bytes.
+    pub(in crate::http) upload_keep_seconds: i64,
+    /// Uploads of a tenant that are not complete.
+    pub(in crate::http) open_uploads: u32,
     /// Items of a page.
     pub(in crate::http) page_items: u32,
     /// Events of a page.

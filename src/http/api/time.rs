@@ -29,6 +29,24 @@ impl Display for Time {
     }
 }
 
+impl Time {
+    /// As headers have it (RFC 9110 section 5.6.7), in whole seconds.
+    pub(in crate::http) fn http_date(self) -> String {
+        let time = OffsetDateTime::UNIX_EPOCH + Duration::milliseconds(self.0);
+        let (day, month) = (time.weekday().to_string(), time.month().to_string());
+        format!(
+            "{:.3}, {:02} {:.3} {:04} {:02}:{:02}:{:02} GMT",
+            day,
+            time.day(),
+            month,
+            time.year(),
+            time.hour(),
+            time.minute(),
+            time.second()
+        )
+    }
+}
+
 impl Serialize for Time {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
@@ -53,5 +71,7 @@ mod tests {
         assert_eq!(milliseconds(&Time(time).to_string()), Ok(time));
         assert_eq!(milliseconds("1970-01-01T01:00:00.5+01:00"), Ok(500));
         assert!(milliseconds("yesterday").is_err());
+        let date = Time(784_111_777_900).http_date();
+        assert_eq!(date, "Sun, 06 Nov 1994 08:49:37 GMT");
     }
 }

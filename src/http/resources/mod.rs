@@ -1,11 +1,13 @@
-//! The resources: clouds, jobs, what comes out of jobs, and who asked for it.
+//! The resources: clouds, jobs, what comes out of jobs, how long they are kept, and who asked for it.
 
 pub(in crate::http) mod clouds;
 pub(in crate::http) mod events;
 pub(in crate::http) mod field;
 pub(in crate::http) mod jobs;
 pub(in crate::http) mod meshes;
+pub(in crate::http) mod retention;
 pub(in crate::http) mod series;
 pub(in crate::http) mod session;
 pub(in crate::http) mod trust;
+pub(in crate::http) mod uploads;
 mod witness;

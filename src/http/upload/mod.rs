@@ -1,6 +1,7 @@
 //! Reads request bodies: a raw file, a form, or JSON. Every wait for a client has a limit.
 
 pub(in crate::http) mod bodies;
+pub(in crate::http) mod parts;
 pub(in crate::http) mod spool;
 
 use std::os::unix::fs::FileExt;
@@ -33,7 +34,7 @@ pub(in crate::http) struct Upload {
     /// Whether a label map without an orientation is taken as it lies.
     pub(in crate::http) assume_orientation: bool,
     /// Whether it came as the fields of a page's form, which curl says of what it sends with `-d`.
-    as_fields: bool,
+    pub(in crate::http) as_fields: bool,
 }
 
 impl Upload {

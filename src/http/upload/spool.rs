@@ -199,7 +199,8 @@ pub(in crate::http) fn too_large(limit: u64) -> ApiError {
     .with("limit_bytes", limit.into())
 }
 
-fn storage(error: &io::Error) -> ApiError {
+/// A file that cannot be written.
+pub(in crate::http) fn storage(error: &io::Error) -> ApiError {
     if error.kind() == io::ErrorKind::StorageFull {
         return ApiError::new(Code::InsufficientStorage, "the disk is full");
     }

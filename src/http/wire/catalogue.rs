@@ -38,6 +38,7 @@ catalogue! {
     BadHeader "bad_header" 400 false "A header cannot be understood.";
     BadCursor "bad_cursor" 400 false "The cursor is none of ours.";
     KeyInAddress "key_in_address" 400 false "A key is in the address.";
+    UploadLength "upload_length" 400 false "The lengths of the upload contradict each other.";
     BodyBrokenOff "body_broken_off" 400 true "The body broke off.";
     Unauthenticated "unauthenticated" 401 false "The request has no key that is good.";
     Forbidden "forbidden" 403 false "The key does not allow this.";
@@ -51,7 +52,10 @@ catalogue! {
     CloudInUse "cloud_in_use" 409 true "A job that has not ended needs the cloud.";
     KeyName "key_name" 409 false "A key of this name is there already.";
     KeyInFile "key_in_file" 409 false "The file of the service decides about this.";
+    Held "held" 409 false "It is held and must not be erased.";
     IdempotencyInFlight "idempotency_in_flight" 409 true "The first request with this key is being worked on.";
+    UploadOffset "upload_offset" 409 true "The upload is at another place.";
+    UploadTaken "upload_taken" 409 true "A newer request goes on with the upload.";
     Gone "gone" 410 false "It was erased.";
     PreconditionFailed "precondition_failed" 412 false "It is not the version that is asked for.";
     BodyTooLarge "body_too_large" 413 false "The body is larger than allowed.";

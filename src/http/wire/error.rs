@@ -135,6 +135,15 @@ impl ApiError {
         self
     }
 
+    /// What is kept of it.
+    pub fn kept(&self) -> jobs::Problem {
+        jobs::Problem {
+            retryable: self.code.entry().retryable,
+            errors: self.errors.clone(),
+            ..jobs::Problem::new(self.code.entry().name, self.detail.clone())
+        }
+    }
+
     /// Its code.
     pub fn code(&self) -> Code {
         self.code
@@ -182,13 +191,18 @@ impl IntoResponse for ApiError {
 
 impl From<&jobs::Problem> for api::Problem {
     fn from(problem: &jobs::Problem) -> Self {
-        let error = ApiError {
-            errors: problem.errors.clone(),
-            ..ApiError::new(Code::from_name(&problem.code), problem.detail.clone())
-        };
         Self {
             retryable: problem.retryable,
-            ..error.body(None)
+            ..ApiError::from(problem).body(None)
+        }
+    }
+}
+
+impl From<&jobs::Problem> for ApiError {
+    fn from(problem: &jobs::Problem) -> Self {
+        Self {
+            errors: problem.errors.clone(),
+            ..Self::new(Code::from_name(&problem.code), problem.detail.clone())
         }
     }
 }
@@ -206,7 +220,7 @@ impl From<jobs::Error> for ApiError {
                 policy,
                 retry_seconds,
             } => quota::used_up(*policy, *retry_seconds),
-            jobs::Error::Busy | jobs::Error::Closed => {
+            jobs::Error::Held | jobs::Error::Busy | jobs::Error::Closed => {
                 Self::new(Code::from_name(error.code()), error.to_string())
             }
             jobs::Error::Full(_) => {

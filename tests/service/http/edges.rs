@@ -105,6 +105,7 @@ async fn who_does_not_read_is_cut_off() {
         sha256,
         bytes: BYTES,
         summary: summary(Format::Xyz, 1),
+        keep_ms: None,
     };
     let (cloud, _) = folder.store.by(us()).insert_cloud(new).await.unwrap();
     let server = folder.serve(&["--download-timeout-seconds=1"]).await;

@@ -180,10 +180,7 @@ async fn seconds_of_workers_are_counted_by_days_and_over_restarts_and_erasures()
     let again = Store::open(service.dir.path(), options).await.unwrap();
     let keys = &service.app.config.keys;
     let caller = keys.identify(&ours.secret, None, 0).unwrap();
-    let (cloud, _) = (
-        again.of(&caller.tenant).list_clouds(None, 1).await.unwrap(),
-        (),
-    );
+    let cloud = again.of(&caller.tenant).list_clouds(None, 1).await.unwrap();
     let new = meshway::jobs::NewJob {
         cloud_id: cloud[0].id.clone(),
         preset: meshway::reconstruction::Preset::Fast,
@@ -193,6 +190,7 @@ async fn seconds_of_workers_are_counted_by_days_and_over_restarts_and_erasures()
         derived_from: None,
         priority: 0,
         cost_seconds: 1.0,
+        keep: meshway::jobs::Keep::default(),
     };
     let refused = again.by(&caller).submit(new, None).await.unwrap_err();
     assert_eq!(refused.code(), "quota");

@@ -79,12 +79,12 @@ pub(crate) async fn finish(service: &Service) -> Claim {
     claim
 }
 
-/// The path of an operation, with the ids of a cloud and of a job in it.
-pub(crate) fn filled(path: &str, cloud: &str, job: &str) -> String {
-    let id = if path.starts_with("/v1/clouds") {
-        cloud
-    } else {
-        job
+/// The path of an operation, with the ids of a cloud, a job and an upload in it.
+pub(crate) fn filled(path: &str, [cloud, job, upload]: [&str; 3]) -> String {
+    let id = match path.split('/').nth(2) {
+        Some("clouds") => cloud,
+        Some("uploads") => upload,
+        _ => job,
     };
     path.replace("{id}", id)
         .replace("{format}", "ply")
@@ -124,39 +124,45 @@ async fn what_belongs_to_another_tenant_is_not_there_on_any_route() {
     configure(&service, &[&ours, &theirs]);
     let job = service.submit_as(&ours, sphere_xyz(100, 0.0), "fast").await;
     finish(&service).await;
+    let begin = Request::post("/v1/uploads").header("upload-complete", "?0");
+    let begun = service.ask(&ours, begin.body(Body::empty()).unwrap()).await;
+    let upload = begun.expect(201).header("location").to_owned();
+    let upload = upload.rsplit('/').next().unwrap();
     let (cloud, job) = (
         job["cloud_id"].as_str().unwrap(),
         job["id"].as_str().unwrap(),
     );
-    let nowhere = (
+    let nowhere = [
         "cld_00000000000000000000000000000000",
         "job_00000000000000000000000000000000",
-    );
+        "upl_00000000000000000000000000000000",
+    ];
     let mut walked = 0;
     for (method, path, _) in operations()
         .iter()
         .filter(|(_, path, _)| path.contains("{id}"))
     {
-        let foreign = request(method, &filled(path, cloud, job));
+        let foreign = request(method, &filled(path, [cloud, job, upload]));
         let foreign = service.ask(&theirs, foreign).await;
         assert_eq!(
             foreign.status,
             StatusCode::NOT_FOUND,
             "{method} {path}: {foreign:?}"
         );
-        let missing = request(method, &filled(path, nowhere.0, nowhere.1));
+        let missing = request(method, &filled(path, nowhere));
         let missing = service.ask(&theirs, missing).await;
         assert_eq!(bare(&foreign), bare(&missing), "{method} {path}");
         walked += 1;
     }
-    assert!(walked >= 18, "{walked} routes: were they renamed?");
+    assert!(walked >= 21, "{walked} routes: were they renamed?");
     // It is all still there, for whom it belongs to.
     for path in [
         "/v1/jobs/{id}",
         "/v1/jobs/{id}/mesh.{format}",
         "/v1/clouds/{id}/content",
+        "/v1/uploads/{id}",
     ] {
-        let path = filled(path, cloud, job);
+        let path = filled(path, [cloud, job, upload]);
         service.fetch(&ours, &path).await.expect(200);
     }
     // Nor can it be named.
@@ -179,7 +185,11 @@ async fn what_belongs_to_another_tenant_is_not_there_on_any_route() {
         assert_eq!(answer.expect(200).json()["items"], json!([]));
     }
     // An erased one was never here, for the others.
-    for path in [format!("/v1/jobs/{job}"), format!("/v1/clouds/{cloud}")] {
+    for path in [
+        format!("/v1/jobs/{job}"),
+        format!("/v1/clouds/{cloud}"),
+        format!("/v1/uploads/{upload}"),
+    ] {
         let erase = Request::delete(&path).body(Body::empty()).unwrap();
         service.ask(&ours, erase).await.expect(204);
         service
@@ -206,7 +216,7 @@ async fn each_route_asks_for_its_scope_and_for_nothing_else() {
     });
     configure(&service, &with.iter().chain(&without).collect::<Vec<_>>());
     for (method, path, scope) in operations() {
-        let filled = filled(path, "cld_0", "job_0");
+        let filled = filled(path, ["cld_0", "job_0", "upl_0"]);
         let nobody = service.send(request(&method, &filled)).await;
         let Some(scope) = scope else {
             assert_ne!(nobody.status, StatusCode::UNAUTHORIZED, "{method} {path}");

@@ -39,7 +39,9 @@ pub(crate) enum Script {
 
 /// A text that names no script.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("known are instant, sleep:SECONDS, until:FILE, seed, crash, exit, hang, fail:CODE, panic, oom")]
+#[error(
+    "known are instant, sleep:SECONDS, until:FILE, seed, crash, exit, hang, fail:CODE, panic, oom"
+)]
 pub(crate) struct InvalidScript;
 
 impl FromStr for Script {

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use crate::who::{ours, us};
 use meshway::jobs::store::DATABASE_FILE;
-use meshway::jobs::{CloudId, IdempotencyState, JobId, Options, Store};
+use meshway::jobs::{CloudId, IdempotencyState, JobId, Keep, KeepChange, Options, Store};
+use meshway::reconstruction::Preset;
 use serde_json::json;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode};
@@ -30,6 +31,35 @@ pub(crate) const FOURTH: [(&str, &str); 4] = [
     (
         "jobs_by_verdict",
         include_str!("../../../migrations/0004_jobs_by_verdict.sql"),
+    ),
+];
+
+/// Those of the version before uploads could go on and records had a time to live.
+const TENTH: [(&str, &str); 10] = [
+    FOURTH[0],
+    FOURTH[1],
+    FOURTH[2],
+    FOURTH[3],
+    (
+        "metrics_of_blocks",
+        include_str!("../../../migrations/0005_metrics_of_blocks.sql"),
+    ),
+    ("work", include_str!("../../../migrations/0006_work.sql")),
+    (
+        "objects",
+        include_str!("../../../migrations/0007_objects.sql"),
+    ),
+    (
+        "verdicts_of_snapshots",
+        include_str!("../../../migrations/0008_verdicts_of_snapshots.sql"),
+    ),
+    (
+        "sources",
+        include_str!("../../../migrations/0009_sources.sql"),
+    ),
+    (
+        "tenants",
+        include_str!("../../../migrations/0010_tenants.sql"),
     ),
 ];
 
@@ -155,4 +185,60 @@ async fn answers_about_clouds_are_found_in_older_databases() {
     assert_eq!(kept, ["job"]);
     let gone = begin("here", uploads).await;
     assert!(matches!(gone, IdempotencyState::CloudGone(_)), "{gone:?}");
+}
+
+#[tokio::test]
+async fn what_older_databases_hold_is_kept_until_somebody_erases_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut db = database(folder.path(), &TENTH).await;
+    let (cloud, job) = (CloudId::new(), JobId::new());
+    let summary = json!({
+        "format": "xyz", "gzipped": false, "points": 20, "normals": false, "dropped_non_finite": 0, "warnings": [],
+        "bounds": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0]},
+        "labels": {"surface": 20, "interior": 0, "exterior": 0},
+    });
+    sqlx::query("INSERT INTO clouds VALUES (?1, 'default', 'a', 1, 'xyz', 20, ?2, 1)")
+        .bind(cloud.as_str())
+        .bind(summary.to_string())
+        .execute(&mut db)
+        .await
+        .unwrap();
+    let settings = serde_json::to_string(&Preset::Fast.settings()).unwrap();
+    sqlx::query(
+        "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, created_at, finished_at)
+         VALUES (?1, ?2, 'cancelled', 'fast', ?3, '{}', 1, 2)",
+    )
+    .bind(job.as_str())
+    .bind(cloud.as_str())
+    .bind(settings)
+    .execute(&mut db)
+    .await
+    .unwrap();
+    db.close().await.unwrap();
+
+    let store = Store::open(folder.path(), Options::default())
+        .await
+        .unwrap();
+    let found = store.of(ours()).cloud(&cloud).await.unwrap().unwrap();
+    assert_eq!((found.expires_at, found.hold), (None, false));
+    let found = store.of(ours()).job(&job).await.unwrap().found().unwrap();
+    assert_eq!((found.expires_at, found.hold), (None, false));
+    assert_eq!(found.keep, Keep::default());
+    assert!(store.due_jobs(10).await.unwrap().is_empty());
+    assert!(store.due_clouds(10).await.unwrap().is_empty());
+    assert!(store.uploads_with_files().await.unwrap().is_empty());
+    // It can be held, and kept for a time, like any other.
+    let change = KeepChange {
+        keep: Some(Keep {
+            ms: Some(1),
+            once: false,
+        }),
+        hold: Some(true),
+    };
+    let held = store.by(us()).keep_job(&job, change).await.unwrap();
+    assert!(
+        held.found()
+            .is_some_and(|job| job.hold && job.expires_at.is_some())
+    );
+    assert!(store.by(us()).delete_job(&job).await.is_err());
 }

@@ -10,8 +10,8 @@ use crate::who::{ours, us};
 use meshway::intake::Summary;
 use meshway::jobs::store::{CONTENT_FILE, DATABASE_FILE};
 use meshway::jobs::{
-    Acts, Claim, CloudId, Event, Job, JobId, Lease, NewCloud, NewJob, NewMesh, Options, Record,
-    Records, Store, Success,
+    Acts, Claim, CloudId, Event, Job, JobId, Keep, Lease, NewCloud, NewJob, NewMesh, Options,
+    Record, Records, Store, Success,
 };
 use meshway::reconstruction::cloud::{Counts, Format};
 use meshway::reconstruction::space::Space;
@@ -107,6 +107,7 @@ impl Bench {
             derived_from: None,
             priority: 0,
             cost_seconds: 1.0,
+            keep: Keep::default(),
         }
     }
 
@@ -181,6 +182,7 @@ pub(crate) fn new_cloud(sha256: &str) -> NewCloud {
         sha256: sha256.to_owned(),
         bytes: 12,
         summary: summary(Format::Ply, 1_000),
+        keep_ms: None,
     }
 }
 

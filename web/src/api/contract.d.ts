@@ -41,12 +41,16 @@ export interface paths {
         post?: never;
         /**
          * Erase a cloud.
-         * @description Refused while a job that has not ended needs it. Afterwards its addresses answer 410.
+         * @description Refused while a job that has not ended needs it, and while it is held. Afterwards its addresses answer 410.
          */
         delete: operations["deleteCloud"];
         options?: never;
         head?: never;
-        patch?: never;
+        /**
+         * Change how long a cloud is kept, or hold it.
+         * @description What is held is not erased, neither by a request (409, `held`) nor because its time is over. A new `ttl` counts from now.
+         */
+        patch: operations["keepCloud"];
         trace?: never;
     };
     "/v1/clouds/{id}/content": {
@@ -92,6 +96,58 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/uploads": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Begin an upload that may go on after it is cut.
+         * @description Speaks tus 1.0 (`Tus-Resumable: 1.0.0`, with `Upload-Length` or `Upload-Defer-Length: 1`) and the draft of the IETF (`Upload-Complete: ?0`, or `?1` where all bytes come at once). The first bytes may come along. Bytes that were told of are on the disk. When all are there they become a cloud, as with `POST /v1/clouds`. Without bytes for a day (`--upload-keep-hours`) an upload is erased.
+         */
+        post: operations["createUpload"];
+        delete?: never;
+        /** Ask which protocols of resumable uploads are spoken. */
+        options: operations["describeUploads"];
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/uploads/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of an upload. */
+                id: components["parameters"]["UploadId"];
+            };
+            cookie?: never;
+        };
+        /**
+         * Ask how far an upload is, and what came of it.
+         * @description HEAD ends a request that still brings bytes, so that the offset stays true until the next one; GET looks only.
+         */
+        get: operations["getUpload"];
+        put?: never;
+        post?: never;
+        /**
+         * Give an upload up.
+         * @description Its bytes are erased. A cloud that came of it stays.
+         */
+        delete: operations["deleteUpload"];
+        options?: never;
+        head?: never;
+        /**
+         * Go on with an upload.
+         * @description The newest request wins: one that still brings bytes is ended, and what it brought is kept. The answer to the last bytes is that of `POST /v1/clouds`; with tus it is 204 with a `Link` to the cloud.
+         */
+        patch: operations["appendToUpload"];
+        trace?: never;
+    };
     "/v1/jobs": {
         parameters: {
             query?: never;
@@ -107,7 +163,11 @@ export interface paths {
          * @description As JSON it names a cloud that is here. As a raw cloud, or as a form with the parts `file` and `job` (the JSON without `cloud_id`), it uploads one too. With `Prefer: wait` the answer comes when the job ends, and is its mesh if `Accept` prefers a mesh type; an `Accept` that allows neither mesh nor JSON is refused before there is a job.
          */
         post: operations["createJob"];
-        delete?: never;
+        /**
+         * Erase all jobs with a label.
+         * @description With all their results, in any state, and with their clouds where no other job names them. What is held stays and is counted. A request that broke off is sent again: it erases the rest.
+         */
+        delete: operations["deleteJobs"];
         options?: never;
         head?: never;
         patch?: never;
@@ -129,12 +189,16 @@ export interface paths {
         post?: never;
         /**
          * Erase a job with all it has.
-         * @description Cancels it if needed. Afterwards its addresses answer 410.
+         * @description Cancels it if needed. Refused while it is held. Afterwards its addresses answer 410.
          */
         delete: operations["deleteJob"];
         options?: never;
         head?: never;
-        patch?: never;
+        /**
+         * Change how long a job is kept, or hold it.
+         * @description What is held is not erased, neither by a request (409, `held`) nor because its time is over. A new `ttl` counts from the end of the job, or from now where it has ended.
+         */
+        patch: operations["keepJob"];
         trace?: never;
     };
     "/v1/jobs/{id}/cancel": {
@@ -721,6 +785,8 @@ export interface components {
     schemas: {
         /** @example cld_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b */
         CloudId: string;
+        /** @example upl_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b */
+        UploadId: string;
         /** @example job_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b */
         JobId: string;
         /**
@@ -877,7 +943,29 @@ export interface components {
             hash: string;
         };
         /** @enum {string} */
-        ProblemCode: "malformed_request" | "malformed_json" | "malformed_multipart" | "bad_header" | "bad_cursor" | "key_in_address" | "body_broken_off" | "unauthenticated" | "forbidden" | "cross_origin_refused" | "not_found" | "method_not_allowed" | "not_acceptable" | "upload_timeout" | "result_not_ready" | "model_unreadable" | "cloud_in_use" | "key_name" | "key_in_file" | "idempotency_in_flight" | "gone" | "precondition_failed" | "body_too_large" | "too_many_points" | "cloud_needs_memory" | "unsupported_format" | "unsupported_encoding" | "range_not_satisfiable" | "host_not_allowed" | "request_invalid" | "idempotency_mismatch" | "cloud_missing" | "cloud_empty" | "cloud_too_few_points" | "cloud_degenerate" | "cloud_filled" | "slices_unusable" | "cloud_not_finite" | "cloud_too_large" | "cloud_truncated" | "cloud_header" | "cloud_row" | "cloud_no_coordinates" | "orientation_missing" | "source_missing" | "source_unknown" | "normals_invalid" | "settings_invalid" | "settings_conflict" | "grid_too_large" | "training_too_large" | "rate_limited" | "quota" | "head_too_large" | "internal" | "queue_full" | "draining" | "not_ready" | "database_busy" | "insufficient_storage" | "training_diverged" | "no_surface" | "mesh_too_large" | "out_of_memory" | "time_limit" | "worker_crashed";
+        ProblemCode: "malformed_request" | "malformed_json" | "malformed_multipart" | "bad_header" | "bad_cursor" | "key_in_address" | "upload_length" | "body_broken_off" | "unauthenticated" | "forbidden" | "cross_origin_refused" | "not_found" | "method_not_allowed" | "not_acceptable" | "upload_timeout" | "result_not_ready" | "model_unreadable" | "cloud_in_use" | "key_name" | "key_in_file" | "held" | "idempotency_in_flight" | "upload_offset" | "upload_taken" | "gone" | "precondition_failed" | "body_too_large" | "too_many_points" | "cloud_needs_memory" | "unsupported_format" | "unsupported_encoding" | "range_not_satisfiable" | "host_not_allowed" | "request_invalid" | "idempotency_mismatch" | "cloud_missing" | "cloud_empty" | "cloud_too_few_points" | "cloud_degenerate" | "cloud_filled" | "slices_unusable" | "cloud_not_finite" | "cloud_too_large" | "cloud_truncated" | "cloud_header" | "cloud_row" | "cloud_no_coordinates" | "orientation_missing" | "source_missing" | "source_unknown" | "normals_invalid" | "settings_invalid" | "settings_conflict" | "grid_too_large" | "training_too_large" | "rate_limited" | "quota" | "head_too_large" | "internal" | "queue_full" | "draining" | "not_ready" | "database_busy" | "insufficient_storage" | "training_diverged" | "no_surface" | "mesh_too_large" | "out_of_memory" | "time_limit" | "worker_crashed";
+        /** @description As `30d` or `12h`; `never`: until somebody erases it. */
+        CloudTtl: string;
+        /** @description As `30d` or `12h`; `never`: until somebody erases it; `download`: a minute after its mesh was fetched whole by GET. */
+        JobTtl: string;
+        CloudKeep: {
+            /** @description Whether it must not be erased. */
+            hold?: boolean;
+            ttl?: components["schemas"]["CloudTtl"];
+        };
+        JobKeep: {
+            /** @description Whether it must not be erased. */
+            hold?: boolean;
+            ttl?: components["schemas"]["JobTtl"];
+        };
+        Erased: {
+            /** @description Jobs that were erased. */
+            jobs: number;
+            /** @description Clouds that were erased. */
+            clouds: number;
+            /** @description Jobs that stay because they are held. */
+            held: number;
+        };
         Cloud: {
             id: components["schemas"]["CloudId"];
             sha256: components["schemas"]["Sha256"];
@@ -906,6 +994,27 @@ export interface components {
             /** @description What a medical file holds; null for points. */
             segmentation?: components["schemas"]["Segmentation"] | null;
             created_at: components["schemas"]["Time"];
+            /** @description When it is erased; null: not by itself. */
+            expires_at?: components["schemas"]["Time"] | null;
+            /** @description Whether it must not be erased. */
+            hold?: boolean;
+            links: components["schemas"]["Links"];
+        };
+        /** @description An upload that may go on. */
+        Upload: {
+            id: components["schemas"]["UploadId"];
+            /** @description Number of bytes that are on the disk. */
+            offset: number;
+            /** @description Number of all bytes, once it is known. */
+            length: number | null;
+            /** @description Whether no more bytes are taken. */
+            complete: boolean;
+            /** @description The cloud that came of it. */
+            cloud_id: components["schemas"]["CloudId"] | null;
+            /** @description Why none came of it. */
+            error: components["schemas"]["Problem"] | null;
+            created_at: components["schemas"]["Time"];
+            expires_at: components["schemas"]["Time"];
             links: components["schemas"]["Links"];
         };
         /** @description Labels, segments or regions of interest. A job makes a surface of one of them, its `source`. */
@@ -984,6 +1093,7 @@ export interface components {
             labels?: components["schemas"]["Labels"];
             source?: components["schemas"]["Source"];
             priority?: components["schemas"]["Priority"];
+            ttl?: components["schemas"]["JobTtl"];
         };
         Retry: {
             preset?: components["schemas"]["PresetName"];
@@ -991,6 +1101,7 @@ export interface components {
             labels?: components["schemas"]["Labels"];
             source?: components["schemas"]["Source"];
             priority?: components["schemas"]["Priority"];
+            ttl?: components["schemas"]["JobTtl"];
         };
         /**
          * @description Jobs of the tenant with a higher one go first. Between tenants it counts nothing.
@@ -1176,6 +1287,12 @@ export interface components {
             created_at: components["schemas"]["Time"];
             started_at: components["schemas"]["Time"] | null;
             finished_at: components["schemas"]["Time"] | null;
+            /** @description How long it is kept after its end; null: for ever. */
+            ttl?: components["schemas"]["JobTtl"] | null;
+            /** @description When it is erased; null: not by itself. */
+            expires_at?: components["schemas"]["Time"] | null;
+            /** @description Whether it must not be erased. */
+            hold?: boolean;
             /** @description Number of the present or last attempt, 0 before the first. */
             attempt: number;
             /** @description Attempts that failed. */
@@ -1838,6 +1955,10 @@ export interface components {
             idempotency_key_characters: number;
             /** @description How long the answer under a key is kept. */
             idempotency_seconds: number;
+            /** @description How long an upload that was cut is kept without bytes. */
+            upload_keep_seconds?: number;
+            /** @description Uploads of a tenant that are not complete. */
+            open_uploads?: number;
             /** @description Of a page of clouds or jobs. */
             page_items: number;
             /** @description Of a page of events. */
@@ -1910,7 +2031,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description `malformed_json`, `malformed_multipart`, `bad_header`, `bad_cursor`, `key_in_address`, `body_broken_off`. */
+        /** @description `malformed_json`, `malformed_multipart`, `bad_header`, `bad_cursor`, `key_in_address`, `upload_length`, `body_broken_off`. */
         BadRequest: {
             headers: {
                 [name: string]: unknown;
@@ -1955,10 +2076,21 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description `cloud_in_use`, `idempotency_in_flight`, `result_not_ready`: try again later. */
+        /** @description `cloud_in_use`, `idempotency_in_flight`, `result_not_ready`, `upload_taken`: try again later. `held`: it must not be erased. */
         Conflict: {
             headers: {
                 "Retry-After": components["headers"]["RetryAfter"];
+                [name: string]: unknown;
+            };
+            content: {
+                "application/problem+json": components["schemas"]["Problem"];
+            };
+        };
+        /** @description `upload_offset`: the bytes do not belong there, with where the upload is; `upload_taken`: a newer request goes on with it. */
+        UploadConflict: {
+            headers: {
+                "Retry-After": components["headers"]["RetryAfter"];
+                "Upload-Offset": components["headers"]["UploadOffset"];
                 [name: string]: unknown;
             };
             content: {
@@ -2105,6 +2237,17 @@ export interface components {
         Colors: "none" | "distance";
         /** @description Id of a cloud. */
         CloudId: components["schemas"]["CloudId"];
+        /** @description Id of an upload. */
+        UploadId: components["schemas"]["UploadId"];
+        /** @description Version of tus that the client speaks. */
+        TusResumable: "1.0.0";
+        /**
+         * @description Of the draft: `?1` with the last bytes, `?0` before. Not with tus.
+         * @example ?0
+         */
+        UploadComplete: "?0" | "?1";
+        /** @description Number of all bytes, where it is known. */
+        UploadLength: number;
         /** @description Id of a job. */
         JobId: components["schemas"]["JobId"];
         /** @description `next_cursor` of the page before. */
@@ -2168,6 +2311,20 @@ export interface components {
         Location: string;
         /** @description Address of the next page, `rel="next"`. */
         Link: string;
+        /** @description The cloud that came of the upload, `rel="related"`. */
+        CloudLink: string;
+        /** @description Number of bytes that are on the disk. */
+        UploadOffset: number;
+        /** @description `?1` once no more bytes are taken. */
+        UploadComplete: string;
+        /** @description Number of all bytes, once it is known. */
+        UploadLength: number;
+        /** @description `max-size` in bytes, and `max-age` in seconds: how long the upload is kept without bytes. */
+        UploadLimit: string;
+        /** @description When the upload is erased, unless bytes come before. */
+        UploadExpires: string;
+        /** @description Version of tus. */
+        TusResumable: string;
         /** @description The job, `rel="describedby"`, where the answer is its mesh. */
         JobLink: string;
         /** @description Version of the representation. */
@@ -2239,6 +2396,11 @@ export interface operations {
             query?: {
                 /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
                 assume_orientation?: components["parameters"]["AssumeOrientation"];
+                /**
+                 * @description How long the cloud is kept, in place of the service's own time (`--cloud-ttl`).
+                 * @example 30d
+                 */
+                ttl?: components["schemas"]["CloudTtl"];
             };
             header?: {
                 /**
@@ -2351,6 +2513,49 @@ export interface operations {
             404: components["responses"]["NotFound"];
             409: components["responses"]["Conflict"];
             410: components["responses"]["Gone"];
+            422: components["responses"]["Invalid"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    keepCloud: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a cloud. */
+                id: components["parameters"]["CloudId"];
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                /**
+                 * @example {
+                 *       "hold": true
+                 *     }
+                 */
+                "application/json": components["schemas"]["CloudKeep"];
+            };
+        };
+        responses: {
+            /** @description The cloud afterwards. */
+            200: {
+                headers: {
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Cloud"];
+                };
+            };
+            400: components["responses"]["BadRequest"];
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            404: components["responses"]["NotFound"];
+            408: components["responses"]["UploadTimeout"];
+            410: components["responses"]["Gone"];
+            413: components["responses"]["TooLarge"];
+            415: components["responses"]["Unsupported"];
             422: components["responses"]["Invalid"];
             default: components["responses"]["Problem"];
         };
@@ -2474,6 +2679,276 @@ export interface operations {
             default: components["responses"]["Problem"];
         };
     };
+    createUpload: {
+        parameters: {
+            query?: {
+                /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
+                assume_orientation?: components["parameters"]["AssumeOrientation"];
+            };
+            header?: {
+                /** @description Version of tus that the client speaks. */
+                "Tus-Resumable"?: components["parameters"]["TusResumable"];
+                /**
+                 * @description Of the draft: `?1` with the last bytes, `?0` before. Not with tus.
+                 * @example ?0
+                 */
+                "Upload-Complete"?: components["parameters"]["UploadComplete"];
+                /** @description Number of all bytes, where it is known. */
+                "Upload-Length"?: components["parameters"]["UploadLength"];
+                /** @description `1`: the number of all bytes is told later. */
+                "Upload-Defer-Length"?: "1";
+                /** @description Of tus. `filename` and `filetype` suggest a format; nothing of it is kept. */
+                "Upload-Metadata"?: string;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/octet-stream": string;
+                "application/offset+octet-stream": string;
+            };
+        };
+        responses: {
+            /** @description All bytes are there, and the same bytes were here already. */
+            200: {
+                headers: {
+                    Location: components["headers"]["Location"];
+                    "Upload-Offset": components["headers"]["UploadOffset"];
+                    "Upload-Complete": components["headers"]["UploadComplete"];
+                    "Upload-Length": components["headers"]["UploadLength"];
+                    "Upload-Limit": components["headers"]["UploadLimit"];
+                    "Upload-Expires": components["headers"]["UploadExpires"];
+                    "Tus-Resumable": components["headers"]["TusResumable"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Cloud"];
+                };
+            };
+            /** @description The upload is begun; or all bytes came, and the cloud is kept. */
+            201: {
+                headers: {
+                    Location: components["headers"]["Location"];
+                    Link: components["headers"]["CloudLink"];
+                    "Upload-Offset": components["headers"]["UploadOffset"];
+                    "Upload-Complete": components["headers"]["UploadComplete"];
+                    "Upload-Length": components["headers"]["UploadLength"];
+                    "Upload-Limit": components["headers"]["UploadLimit"];
+                    "Upload-Expires": components["headers"]["UploadExpires"];
+                    "Tus-Resumable": components["headers"]["TusResumable"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Cloud"];
+                };
+            };
+            400: components["responses"]["BadRequest"];
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            408: components["responses"]["UploadTimeout"];
+            409: components["responses"]["Conflict"];
+            412: components["responses"]["PreconditionFailed"];
+            413: components["responses"]["TooLarge"];
+            415: components["responses"]["Unsupported"];
+            422: components["responses"]["Invalid"];
+            503: components["responses"]["Unavailable"];
+            507: components["responses"]["InsufficientStorage"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    describeUploads: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Versions, extensions and limits. */
+            204: {
+                headers: {
+                    /** @description Versions of tus. */
+                    "Tus-Version"?: string;
+                    /** @description Its extensions. */
+                    "Tus-Extension"?: string;
+                    /** @description Most bytes of an upload. */
+                    "Tus-Max-Size"?: number;
+                    /** @description Media types of parts. */
+                    "Accept-Patch"?: string;
+                    "Upload-Limit": components["headers"]["UploadLimit"];
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            default: components["responses"]["Problem"];
+        };
+    };
+    getUpload: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of an upload. */
+                id: components["parameters"]["UploadId"];
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The upload. */
+            200: {
+                headers: {
+                    "Upload-Offset": components["headers"]["UploadOffset"];
+                    "Upload-Complete": components["headers"]["UploadComplete"];
+                    "Upload-Length": components["headers"]["UploadLength"];
+                    "Upload-Limit": components["headers"]["UploadLimit"];
+                    "Upload-Expires": components["headers"]["UploadExpires"];
+                    "Tus-Resumable": components["headers"]["TusResumable"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Upload"];
+                };
+            };
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            404: components["responses"]["NotFound"];
+            409: components["responses"]["Conflict"];
+            410: components["responses"]["Gone"];
+            422: components["responses"]["Invalid"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    deleteUpload: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of an upload. */
+                id: components["parameters"]["UploadId"];
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description It is erased. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            404: components["responses"]["NotFound"];
+            409: components["responses"]["Conflict"];
+            410: components["responses"]["Gone"];
+            422: components["responses"]["Invalid"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    appendToUpload: {
+        parameters: {
+            query?: never;
+            header: {
+                /** @description Version of tus that the client speaks. */
+                "Tus-Resumable"?: components["parameters"]["TusResumable"];
+                /**
+                 * @description Of the draft: `?1` with the last bytes, `?0` before. Not with tus.
+                 * @example ?0
+                 */
+                "Upload-Complete"?: components["parameters"]["UploadComplete"];
+                /** @description Number of all bytes, where it is known. */
+                "Upload-Length"?: components["parameters"]["UploadLength"];
+                /**
+                 * @description Where the bytes belong: the offset of the upload.
+                 * @example 0
+                 */
+                "Upload-Offset": number;
+            };
+            path: {
+                /** @description Id of an upload. */
+                id: components["parameters"]["UploadId"];
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/partial-upload": string;
+                "application/offset+octet-stream": string;
+            };
+        };
+        responses: {
+            /** @description All bytes are there, and the same bytes were here already. */
+            200: {
+                headers: {
+                    Location: components["headers"]["Location"];
+                    "Upload-Offset": components["headers"]["UploadOffset"];
+                    "Upload-Complete": components["headers"]["UploadComplete"];
+                    "Upload-Length": components["headers"]["UploadLength"];
+                    "Upload-Limit": components["headers"]["UploadLimit"];
+                    "Upload-Expires": components["headers"]["UploadExpires"];
+                    "Tus-Resumable": components["headers"]["TusResumable"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Cloud"];
+                };
+            };
+            /** @description All bytes are there, and the cloud is kept. */
+            201: {
+                headers: {
+                    Location: components["headers"]["Location"];
+                    "Upload-Offset": components["headers"]["UploadOffset"];
+                    "Upload-Complete": components["headers"]["UploadComplete"];
+                    "Upload-Length": components["headers"]["UploadLength"];
+                    "Upload-Limit": components["headers"]["UploadLimit"];
+                    "Upload-Expires": components["headers"]["UploadExpires"];
+                    "Tus-Resumable": components["headers"]["TusResumable"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Cloud"];
+                };
+            };
+            /** @description The bytes are on the disk. */
+            204: {
+                headers: {
+                    Link: components["headers"]["CloudLink"];
+                    "Upload-Offset": components["headers"]["UploadOffset"];
+                    "Upload-Complete": components["headers"]["UploadComplete"];
+                    "Upload-Length": components["headers"]["UploadLength"];
+                    "Upload-Limit": components["headers"]["UploadLimit"];
+                    "Upload-Expires": components["headers"]["UploadExpires"];
+                    "Tus-Resumable": components["headers"]["TusResumable"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            400: components["responses"]["BadRequest"];
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            404: components["responses"]["NotFound"];
+            408: components["responses"]["UploadTimeout"];
+            409: components["responses"]["UploadConflict"];
+            410: components["responses"]["Gone"];
+            412: components["responses"]["PreconditionFailed"];
+            413: components["responses"]["TooLarge"];
+            415: components["responses"]["Unsupported"];
+            422: components["responses"]["Invalid"];
+            503: components["responses"]["Unavailable"];
+            507: components["responses"]["InsufficientStorage"];
+            default: components["responses"]["Problem"];
+        };
+    };
     listJobs: {
         parameters: {
             query?: {
@@ -2536,6 +3011,11 @@ export interface operations {
                 source?: string;
                 /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
                 assume_orientation?: components["parameters"]["AssumeOrientation"];
+                /**
+                 * @description How long the job is kept after its end, in place of the member `ttl`.
+                 * @example 7d
+                 */
+                ttl?: components["schemas"]["JobTtl"];
                 /** @description Only resolve the settings, read the cloud that is sent, and estimate: nothing is kept. */
                 dry_run?: boolean;
             };
@@ -2636,6 +3116,39 @@ export interface operations {
             default: components["responses"]["Problem"];
         };
     };
+    deleteJobs: {
+        parameters: {
+            query: {
+                /**
+                 * @description The label, as `key:value`.
+                 * @example patient:p7
+                 */
+                label: string;
+                /** @description Whether clouds go too. */
+                clouds?: boolean;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description How many were erased. */
+            200: {
+                headers: {
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Erased"];
+                };
+            };
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            422: components["responses"]["Invalid"];
+            default: components["responses"]["Problem"];
+        };
+    };
     getJob: {
         parameters: {
             query?: never;
@@ -2695,7 +3208,51 @@ export interface operations {
             401: components["responses"]["Unauthenticated"];
             403: components["responses"]["Forbidden"];
             404: components["responses"]["NotFound"];
+            409: components["responses"]["Conflict"];
             410: components["responses"]["Gone"];
+            422: components["responses"]["Invalid"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    keepJob: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a job. */
+                id: components["parameters"]["JobId"];
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                /**
+                 * @example {
+                 *       "hold": true
+                 *     }
+                 */
+                "application/json": components["schemas"]["JobKeep"];
+            };
+        };
+        responses: {
+            /** @description The job afterwards. */
+            200: {
+                headers: {
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Job"];
+                };
+            };
+            400: components["responses"]["BadRequest"];
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            404: components["responses"]["NotFound"];
+            408: components["responses"]["UploadTimeout"];
+            410: components["responses"]["Gone"];
+            413: components["responses"]["TooLarge"];
+            415: components["responses"]["Unsupported"];
             422: components["responses"]["Invalid"];
             default: components["responses"]["Problem"];
         };

@@ -30,6 +30,23 @@ class Source:
         """Its bytes, or the open file."""
         return self.content if isinstance(self.content, bytes) else open(self.content, "rb")
 
+    def length(self) -> int:
+        """Number of its bytes."""
+        return len(self.content) if isinstance(self.content, bytes) else os.path.getsize(self.content)
+
+    def part(self, at: int, most: int) -> bytes:
+        """Bytes from a place on, at most so many."""
+        if isinstance(self.content, bytes):
+            return self.content[at : at + most]
+        with open(self.content, "rb") as file:
+            file.seek(at)
+            return file.read(most)
+
+    def ending(self) -> str:
+        """What its name says of the format: all behind the first dot."""
+        ending = self.name.partition(".")[2]
+        return ending if ending.replace(".", "").isalnum() and ending.isascii() else ""
+
 
 def source_of(cloud: Any, name: str | None = None) -> Source:
     """The file for a path, bytes, a file object or an array of points.

@@ -26,6 +26,10 @@ from .points import Source, source_of
 SILENCE = 45.0
 #: Longest pause before a further try, in seconds.
 LONGEST_PAUSE = 30.0
+#: Bytes above which a file is sent in parts that go on where a connection broke.
+LARGE = 32 << 20
+#: Bytes of such a part.
+PART = 8 << 20
 FORMATS = ("ply", "obj", "stl", "off", "glb", "3mf", "vtp", "dcm")
 
 
@@ -39,6 +43,7 @@ class Ask:
     headers: dict[str, str] = field(default_factory=dict)
     json: Any = None
     file: Optional[Source] = None
+    content: Optional[bytes] = None
     stream: bool = False
     timeout: Optional[float] = None
 
@@ -48,6 +53,8 @@ class Ask:
         given: dict[str, Any] = {"params": self.params, "headers": self.headers}
         if self.json is not None:
             given["json"] = self.json
+        if self.content is not None:
+            given["content"] = self.content
         if self.timeout is not None:
             given["timeout"] = httpx.Timeout(30.0, read=self.timeout)
         with contextlib.ExitStack() as stack:
@@ -116,9 +123,48 @@ def ask(request: Ask, retries: int) -> Steps:
 def upload(cloud: Any, name: Optional[str], assume_orientation: bool, retries: int) -> Steps:
     """Sends a cloud."""
     params = {"assume_orientation": "true"} if assume_orientation else {}
-    request = Ask("POST", "v1/clouds", params=params, file=source_of(cloud, name))
-    answer = yield from ask(request, retries)
+    source = source_of(cloud, name)
+    if source.length() > LARGE:
+        answer = yield from in_parts(source, params, retries)
+    else:
+        answer = yield from ask(Ask("POST", "v1/clouds", params=params, file=source), retries)
     return Cloud.of(answer.json())
+
+
+def in_parts(source: Source, params: dict[str, Any], retries: int) -> Steps:
+    """The answer to the last part of a large file. A part that was cut goes on behind what came of it."""
+    length = source.length()
+    told = {"Upload-Complete": "?0", "Upload-Length": str(length)}
+    if source.ending():
+        told["Content-Disposition"] = f'inline; filename="cloud.{source.ending()}"'
+    begun = yield from ask(Ask("POST", "v1/uploads", params=params, headers=told), retries)
+    path = "v1/uploads/" + begun.headers["location"].rpartition("/")[2]
+    at = attempt = 0
+    while True:
+        part = source.part(at, PART)
+        last = at + len(part) >= length
+        told = {
+            "Upload-Offset": str(at),
+            "Upload-Complete": "?1" if last else "?0",
+            "Content-Type": "application/partial-upload",
+        }
+        answer = None
+        try:
+            answer = yield Ask("PATCH", path, headers=told, content=part)
+            if answer.is_success and last:
+                return answer
+            if answer.is_success:
+                at, attempt = at + len(part), 0
+                continue
+            error = problem_of(answer)
+        except httpx.TransportError as broken:
+            error = Unreachable(broken)
+        if not error.retryable or attempt >= retries:
+            raise error
+        yield pause_before(attempt, answer)
+        attempt += 1
+        where = yield from ask(Ask("HEAD", path), retries)
+        at = int(where.headers["upload-offset"])
 
 
 def submit(cloud: Any, body: dict[str, Any], retries: int) -> Steps:

@@ -13,7 +13,7 @@ use crate::http::upload::{Upload, blocking};
 use crate::http::wire::error::{ApiError, Result};
 use crate::identity::Caller;
 use crate::intake::{File, Summary};
-use crate::jobs::{Act, AuditOutcome, Cloud, CloudDeletion, CloudId, Error, NewCloud};
+use crate::jobs::{Cloud, CloudDeletion, CloudId, Error, JobId, Keep, Lookup, NewCloud};
 
 /// Where the bytes of a cloud are.
 pub(in crate::http) fn path(app: &AppState, sha256: &str) -> PathBuf {
@@ -44,6 +44,7 @@ pub(in crate::http) async fn keep(
     app: &AppState,
     caller: &Caller,
     upload: Upload,
+    keep: Keep,
 ) -> Result<(Cloud, bool)> {
     let records = app.store.of(&caller.tenant);
     let known = records.cloud_by_sha256(&upload.spooled.sha256).await?;
@@ -53,10 +54,9 @@ pub(in crate::http) async fn keep(
             .unwrap_or(false)
         && (upload.assume_orientation || !has_assumed(&cloud))
     {
-        let note = app.store.by(caller);
-        let id = cloud.id.as_str();
-        note.note(Act::CloudMatch, id, AuditOutcome::Done).await?;
-        return Ok((cloud, false));
+        let acts = app.store.by(caller);
+        acts.match_cloud(&cloud.id, keep.ms).await?;
+        return Ok((records.cloud(&cloud.id).await?.unwrap_or(cloud), false));
     }
     let summary = read(app, &upload).await?;
     let spooled = upload.spooled;
@@ -64,6 +64,7 @@ pub(in crate::http) async fn keep(
         sha256: spooled.sha256,
         bytes: spooled.bytes,
         summary,
+        keep_ms: keep.ms,
     };
     let target = path(app, &new.sha256);
     let sha256 = new.sha256.clone();
@@ -89,7 +90,7 @@ pub(in crate::http) async fn keep(
 }
 
 /// Removes a file that no cloud has. The lock must be held exclusively.
-async fn remove_unheld(app: &AppState, sha256: &str) -> Result<()> {
+async fn remove_unheld(app: &AppState, sha256: &str) -> std::result::Result<(), Error> {
     if !app.store.holds_sha256(sha256).await?
         && let Err(error) = tokio::fs::remove_file(path(app, sha256)).await
     {
@@ -114,11 +115,50 @@ pub(in crate::http) async fn erase(
     app: &AppState,
     caller: &Caller,
     id: &CloudId,
-) -> Result<CloudDeletion> {
+) -> std::result::Result<CloudDeletion, Error> {
     let _alone = app.cloud_files.write().await;
     let deletion = app.store.by(caller).delete_cloud(id).await?;
-    if let CloudDeletion::Deleted(cloud) = &deletion {
+    remove_of(app, &deletion).await?;
+    Ok(deletion)
+}
+
+/// The same for a cloud whose time is over.
+///
+/// # Errors
+/// `Stale` if it is not due, and those of the database.
+pub(in crate::http) async fn expire(
+    app: &AppState,
+    caller: &Caller,
+    id: &CloudId,
+) -> std::result::Result<CloudDeletion, Error> {
+    let _alone = app.cloud_files.write().await;
+    let deletion = app.store.by(caller).expire_cloud(id).await?;
+    remove_of(app, &deletion).await?;
+    Ok(deletion)
+}
+
+/// Erases a job and its cloud, unless another job names that or it is held. Whether it went.
+///
+/// # Errors
+/// `Held` if the job is held, and those of the database.
+pub(in crate::http) async fn erase_with_job(
+    app: &AppState,
+    caller: &Caller,
+    id: &JobId,
+) -> std::result::Result<(Lookup, bool), Error> {
+    let _alone = app.cloud_files.write().await;
+    let (job, cloud) = app.store.by(caller).erase_job_and_cloud(id).await?;
+    let Some(cloud) = cloud else {
+        return Ok((job, false));
+    };
+    remove_of(app, &CloudDeletion::Deleted(cloud)).await?;
+    Ok((job, true))
+}
+
+/// Removes the file of an erased cloud, unless a cloud of another tenant has the same bytes.
+async fn remove_of(app: &AppState, deletion: &CloudDeletion) -> std::result::Result<(), Error> {
+    if let CloudDeletion::Deleted(cloud) = deletion {
         remove_unheld(app, &cloud.sha256).await?;
     }
-    Ok(deletion)
+    Ok(())
 }

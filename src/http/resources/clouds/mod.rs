@@ -11,11 +11,13 @@ use axum::response::{IntoResponse, Response};
 
 use crate::http::AppState;
 use crate::http::api;
+use crate::http::resources::retention::{self, Wanted};
 use crate::http::resources::witness::witnessed;
-use crate::http::upload::{Payload, receive};
+use crate::http::upload::bodies::JSON_LIMIT;
+use crate::http::upload::{self, Payload, receive};
 use crate::http::wire::download::{Content, Download};
 use crate::http::wire::error::{ApiError, Code, Result};
-use crate::http::wire::extract::{Id, NoQuery, Query, switch};
+use crate::http::wire::extract::{Id, Members, NoQuery, Query, switch};
 use crate::http::wire::idempotency::{self, Begun};
 use crate::http::wire::page::{Page, PageOf};
 use crate::identity::{Caller, Tenant};
@@ -29,6 +31,7 @@ pub(in crate::http) async fn create(
     request: Request,
 ) -> Result<Response> {
     let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
+    let ttl = query.take("ttl", |text| Wanted::of_cloud(&text));
     query.finish()?;
     let mut key = idempotency::Request::new(&caller, request.headers(), request.uri())?;
     key.admit(&app).await?;
@@ -42,7 +45,13 @@ pub(in crate::http) async fn create(
         Begun::Replay(response) => return Ok(response),
         Begun::New(attempt) => attempt,
     };
-    let (cloud, created) = files::keep(&app, &caller, upload).await?;
+    let (cloud, created) = files::keep(
+        &app,
+        &caller,
+        upload,
+        Wanted::keep(ttl, app.config.cloud_ttl),
+    )
+    .await?;
     let status = if created {
         StatusCode::CREATED
     } else {
@@ -105,6 +114,23 @@ pub(in crate::http) async fn content(
     witnessed(&app, &caller, (Act::CloudRead, id.as_str()), response).await
 }
 
+/// `PATCH /v1/clouds/{id}`: how long it is kept, and whether it is held.
+pub(in crate::http) async fn keep(
+    State(app): State<AppState>,
+    caller: Caller,
+    _: NoQuery,
+    Id(id): Id<CloudId>,
+    request: Request,
+) -> Result<Response> {
+    find(&app, &caller.tenant, &id).await?;
+    let body = upload::json(&app, request, JSON_LIMIT).await?;
+    let change = retention::change(Members::of(&body)?, Wanted::of_cloud, None)?;
+    match app.store.by(&caller).keep_cloud(&id, change).await? {
+        Some(cloud) => Ok(Json(api::Cloud::from(&cloud)).into_response()),
+        None => Err(absent(&app, &caller.tenant, &id).await),
+    }
+}
+
 /// `DELETE /v1/clouds/{id}`.
 pub(in crate::http) async fn erase(
     State(app): State<AppState>,
@@ -123,7 +149,7 @@ pub(in crate::http) async fn erase(
     }
 }
 
-pub(super) async fn find(app: &AppState, tenant: &Tenant, id: &CloudId) -> Result<Cloud> {
+pub(in crate::http) async fn find(app: &AppState, tenant: &Tenant, id: &CloudId) -> Result<Cloud> {
     match app.store.of(tenant).cloud(id).await? {
         Some(cloud) => Ok(cloud),
         None => Err(absent(app, tenant, id).await),

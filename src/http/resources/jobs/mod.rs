@@ -9,6 +9,7 @@ use std::collections::HashMap;
 
 use axum::Json;
 use axum::extract::{Request, State};
+use axum::http::header::LOCATION;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Map, Value};
@@ -20,6 +21,7 @@ use crate::http::resources::jobs::answer::{answer, body, poll};
 use crate::http::resources::jobs::found::{Found, found};
 use crate::http::resources::jobs::request::{JobRequest, preset_named};
 use crate::http::resources::jobs::wait::Wish;
+use crate::http::resources::retention::{self, Wanted};
 use crate::http::upload::bodies::JSON_LIMIT;
 use crate::http::upload::{self, Payload, Upload, receive};
 use crate::http::wire::error::{ApiError, Code, Result};
@@ -28,9 +30,13 @@ use crate::http::wire::idempotency::{self, Attempt, Begun, kept_headers};
 use crate::http::wire::page::{Page, PageOf};
 use crate::identity::{Caller, Tenant};
 use crate::jobs::{
-    Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject, Verdict,
+    Cloud, CloudId, Error, Job, JobFilter, JobId, Lookup, NewJob, Status, StoredResponse, Subject,
+    Verdict,
 };
 use crate::reconstruction::medical::Choice;
+
+/// Jobs that are listed at a time to be erased.
+const AT_ONCE: u32 = 200;
 
 /// `POST /v1/jobs`: for a cloud that is here, or with the cloud itself.
 pub(in crate::http) async fn create(
@@ -43,6 +49,7 @@ pub(in crate::http) async fn create(
     let preset = query.take("preset", |name| preset_named(&name));
     let source = query.take("source", |text| Choice::parse(&text));
     let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
+    let ttl = query.take("ttl", |text| Wanted::of_job(&text));
     query.finish()?;
     let wish = Wish::of(request.headers())?;
     let mut key = idempotency::Request::new(&caller, request.headers(), request.uri())?;
@@ -61,7 +68,7 @@ pub(in crate::http) async fn create(
             (members_of("part job", job.as_deref())?, Some(upload))
         }
     };
-    let asked = JobRequest::new(members, preset, source)?;
+    let asked = JobRequest::new(members, (preset, source, ttl))?;
     check_one_cloud(&asked, upload.as_ref(), dry_run)?;
     let attempt = match key.begin(&app).await? {
         Begun::Replay(response) => return Ok(response),
@@ -72,12 +79,16 @@ pub(in crate::http) async fn create(
         return attempt.keep(response, None).await;
     }
     let cloud = match (upload, &asked.cloud_id) {
-        (Some(upload), _) => files::keep(&app, &caller, upload).await?.0,
+        (Some(upload), _) => {
+            let keep = Wanted::keep(None, app.config.cloud_ttl);
+            files::keep(&app, &caller, upload, keep).await?.0
+        }
         (None, Some(id)) => find_cloud(&app, &caller.tenant, id).await?,
         (None, None) => return Err(ApiError::internal("a job without a cloud was let in")),
     };
     let cost = asked.check(&app.config, Some(&cloud.summary))?;
-    let job = submit(&app, &caller, asked.of_cloud(cloud.id, &cost), attempt).await?;
+    let new = asked.of_cloud(cloud.id, &cost, &app.config);
+    let job = submit(&app, &caller, new, attempt).await?;
     wish.answer(&app, &caller, job).await
 }
 
@@ -98,12 +109,7 @@ pub(in crate::http) async fn list(
             })
         }),
         cloud_id: query.take("cloud_id", text::<CloudId>),
-        label: query.take("label", |label| {
-            let (key, value) = label
-                .split_once(':')
-                .ok_or("must have the form key:value")?;
-            Ok((key.to_owned(), value.to_owned()))
-        }),
+        label: query.take("label", |label| labelled(&label)),
         verdict: query.take("verdict", |name| {
             Verdict::from_name(&name).ok_or_else(|| {
                 let names = Verdict::ALL.map(Verdict::name).join(", ");
@@ -192,8 +198,28 @@ pub(in crate::http) async fn retry(
     let asked = JobRequest::again(&job, members)?;
     let cloud = find_cloud(&app, &caller.tenant, &job.cloud_id).await?;
     let cost = asked.check(&app.config, Some(&cloud.summary))?;
-    let job = submit(&app, &caller, asked.of_cloud(cloud.id, &cost), attempt).await?;
+    let new = asked.of_cloud(cloud.id, &cost, &app.config);
+    let job = submit(&app, &caller, new, attempt).await?;
     wish.answer(&app, &caller, job).await
+}
+
+/// `PATCH /v1/jobs/{id}`: how long it is kept, and whether it is held.
+pub(in crate::http) async fn keep(
+    State(app): State<AppState>,
+    caller: Caller,
+    _: NoQuery,
+    Id(id): Id<JobId>,
+    request: Request,
+) -> Result<Response> {
+    found(app.store.of(&caller.tenant).job(&id).await?)?;
+    let body = upload::json(&app, request, JSON_LIMIT).await?;
+    let members = Members::of(&body)?;
+    let change = retention::change(members, Wanted::of_job, app.config.job_ttl)?;
+    let job = found(app.store.by(&caller).keep_job(&id, change).await?)?;
+    let place = place(&app, &job).await?;
+    let mut response = answer(StatusCode::OK, &job, place);
+    response.headers_mut().remove(LOCATION);
+    Ok(response)
 }
 
 /// `DELETE /v1/jobs/{id}`: with all its results, in any state.
@@ -204,9 +230,65 @@ pub(in crate::http) async fn erase(
     Id(id): Id<JobId>,
 ) -> Result<StatusCode> {
     found(app.store.by(&caller).delete_job(&id).await?)?;
+    forget(&app, id);
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// `DELETE /v1/jobs?label=key:value`: all jobs with the label, and their clouds where no other job
+/// names them. What is held stays.
+pub(in crate::http) async fn erase_labelled(
+    State(app): State<AppState>,
+    caller: Caller,
+    mut query: Query,
+) -> Result<Response> {
+    let label = query.required("label", |label| labelled(&label));
+    let clouds_too = query.take("clouds", switch).unwrap_or(true);
+    query.finish()?;
+    let filter = JobFilter {
+        label,
+        ..JobFilter::default()
+    };
+    let mut erased = api::Erased::default();
+    let mut last = None;
+    loop {
+        let records = app.store.of(&caller.tenant);
+        let page = records.list_jobs(&filter, last.as_ref(), AT_ONCE).await?;
+        last = page.last().map(|job| job.id.clone());
+        if last.is_none() {
+            return Ok(Json(erased).into_response());
+        }
+        for job in page {
+            let gone = if clouds_too {
+                files::erase_with_job(&app, &caller, &job.id).await
+            } else {
+                let deleted = app.store.by(&caller).delete_job(&job.id).await;
+                deleted.map(|job| (job, false))
+            };
+            match gone {
+                Ok((lookup, cloud)) => {
+                    erased.jobs += u64::from(matches!(lookup, Lookup::Found(_)));
+                    erased.clouds += u64::from(cloud);
+                    forget(&app, job.id);
+                }
+                Err(Error::Held) => erased.held += 1,
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+}
+
+/// Lets caches and streams forget a job that is erased.
+pub(in crate::http) fn forget(app: &AppState, id: JobId) {
     app.meshes.erase(&id);
     app.feed.erased(id);
-    Ok(StatusCode::NO_CONTENT)
+}
+
+/// A label as lists name it.
+fn labelled(label: &str) -> std::result::Result<(String, String), String> {
+    let (key, value) = label
+        .split_once(':')
+        .ok_or("must have the form key:value")?;
+    Ok((key.to_owned(), value.to_owned()))
 }
 
 /// Puts the job into the queue; under a key its answer is kept in the same transaction.

@@ -6,10 +6,11 @@ use std::ops::RangeInclusive;
 use serde_json::{Map, Value, json};
 
 use crate::config::Config;
+use crate::http::resources::retention::Wanted;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{self, Members};
 use crate::intake::Summary;
-use crate::jobs::{CloudId, Job, JobId, NewJob};
+use crate::jobs::{CloudId, Job, JobId, Keep, NewJob};
 use crate::reconstruction::cloud::Counts;
 use crate::reconstruction::medical::Choice;
 use crate::reconstruction::plan::{Cost, grid_bytes, largest_resolution};
@@ -40,22 +41,31 @@ pub(in crate::http) struct JobRequest {
     source: Option<Choice>,
     derived_from: Option<JobId>,
     priority: i64,
+    ttl: Option<Wanted>,
+    /// How long the job is kept of which this is a retry.
+    inherited: Option<Keep>,
 }
 
+/// What the address of a request may say: `preset`, `source` and `ttl`.
+type OfAddress = (Option<Preset>, Option<Choice>, Option<Wanted>);
+
 impl JobRequest {
-    /// Reads `cloud_id`, `preset`, `settings`, `labels`, `source` and `priority`; `preset` and `source` of the
-    /// address may stand in for those of the body.
+    /// Reads `cloud_id`, `preset`, `settings`, `labels`, `source`, `priority` and `ttl`; what the address says
+    /// stands in for members of the body.
     ///
     /// # Errors
     /// [`Code::RequestInvalid`], [`Code::SettingsInvalid`], [`Code::SettingsConflict`], each with
     /// all faults.
     pub(in crate::http) fn new(
         mut members: Members,
-        preset: Option<Preset>,
-        source: Option<Choice>,
+        (preset, source, ttl): OfAddress,
     ) -> Result<Self> {
         let cloud_id = members.take("cloud_id", extract::json::<CloudId>);
-        for (name, is_given) in [("preset", preset.is_some()), ("source", source.is_some())] {
+        for (name, is_given) in [
+            ("preset", preset.is_some()),
+            ("source", source.is_some()),
+            ("ttl", ttl.is_some()),
+        ] {
             if is_given && members.has(name) {
                 members.fault(name, "is given in the address too".to_owned());
             }
@@ -66,6 +76,7 @@ impl JobRequest {
                 preset_named(name.as_str().unwrap_or_default())
             })
             .or(preset);
+        let ttl = members.take("ttl", wanted).or(ttl);
         let given = members.take("settings", object);
         let labels = labels(&mut members);
         let priority = members.take("priority", priority);
@@ -79,6 +90,8 @@ impl JobRequest {
             source,
             derived_from: None,
             priority: priority.unwrap_or(0),
+            ttl,
+            inherited: None,
         })
     }
 
@@ -93,6 +106,7 @@ impl JobRequest {
         });
         let given = members.take("settings", object).unwrap_or_default();
         let source = members.take("source", extract::json::<Choice>);
+        let ttl = members.take("ttl", wanted);
         let labels = labels(&mut members);
         let priority = members.take("priority", priority);
         members.finish()?;
@@ -110,6 +124,8 @@ impl JobRequest {
             source: source.or_else(|| job.source.clone()),
             derived_from: Some(job.id.clone()),
             priority: priority.unwrap_or(job.priority),
+            ttl,
+            inherited: Some(job.keep),
         })
     }
 
@@ -216,8 +232,15 @@ impl JobRequest {
     }
 
     /// The job to submit, for the given cloud, at the cost that [`JobRequest::check`] gave.
-    pub(in crate::http) fn of_cloud(self, cloud_id: CloudId, cost: &Cost) -> NewJob {
+    pub(in crate::http) fn of_cloud(
+        self,
+        cloud_id: CloudId,
+        cost: &Cost,
+        config: &Config,
+    ) -> NewJob {
+        let inherited = self.inherited.filter(|_| self.ttl.is_none());
         NewJob {
+            keep: inherited.unwrap_or_else(|| Wanted::keep(self.ttl, config.job_ttl)),
             cloud_id,
             preset: self.preset,
             settings: self.settings,
@@ -255,6 +278,10 @@ pub(in crate::http) fn preset_named(name: &str) -> std::result::Result<Preset, S
         let names = Preset::ALL.map(Preset::name).join(", ");
         format!("must be one of {names}")
     })
+}
+
+fn wanted(value: Value) -> std::result::Result<Wanted, String> {
+    Wanted::of_job(value.as_str().unwrap_or_default())
 }
 
 fn object(value: Value) -> std::result::Result<Map<String, Value>, String> {

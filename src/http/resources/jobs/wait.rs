@@ -11,6 +11,7 @@ use crate::http::resources::jobs::answer::{PREFERENCE_APPLIED, answer, url};
 use crate::http::resources::jobs::found::found;
 use crate::http::resources::jobs::place;
 use crate::http::resources::meshes::{self, View};
+use crate::http::resources::retention::counted;
 use crate::http::resources::witness::witnessed;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::preferred_wait;
@@ -128,7 +129,7 @@ async fn mesh(app: &AppState, caller: &Caller, job: &Job, format: Format) -> Res
     let asked = (format, View::default());
     let response = meshes::respond(app, job, 0, asked, &HeaderMap::new()).await?;
     let response = witnessed(app, caller, (Act::MeshRead, job.id.as_str()), response).await?;
-    let mut response = meshes::varies(response);
+    let mut response = meshes::varies(counted(app, job, response));
     let described = format!("<{}>; rel=\"describedby\"", url(job));
     for (name, value) in [(LOCATION, url(job)), (LINK, described)] {
         let value = HeaderValue::try_from(value).map_err(ApiError::internal)?;

@@ -15,6 +15,7 @@ use rendition::{Look, Rendition};
 use crate::http::AppState;
 use crate::http::api;
 use crate::http::resources::jobs::found::{Found, Succeeded, found};
+use crate::http::resources::retention::counted;
 use crate::http::resources::witness::witnessed;
 use crate::http::wire::accept::preferred;
 use crate::http::wire::download::{Content, Download};
@@ -65,6 +66,7 @@ pub(in crate::http) async fn negotiated(
 ) -> Result<Response> {
     let asked = (accepted(&headers)?, view);
     let response = respond(&app, &job, 0, asked, &headers).await.map(varies)?;
+    let response = counted(&app, &job, response);
     witnessed(&app, &caller, (Act::MeshRead, job.id.as_str()), response).await
 }
 
@@ -79,6 +81,7 @@ pub(in crate::http) async fn result(
     let (_, ending) = last_segment(&parts.uri);
     let format = ending.and_then(by_ending).ok_or_else(no_format)?;
     let response = respond(&app, &job, 0, (format, view), &parts.headers).await?;
+    let response = counted(&app, &job, response);
     witnessed(&app, &caller, (Act::MeshRead, job.id.as_str()), response).await
 }
 

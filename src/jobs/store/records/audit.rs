@@ -20,6 +20,9 @@ use crate::jobs::store::{Acts, Records, Store};
 /// The hash before the first row.
 const NOTHING: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
+/// Who does what the service does by itself.
+const SERVICE: &str = "meshway";
+
 /// Rows that are read at once.
 const PAGE: u32 = 1_000;
 
@@ -53,12 +56,20 @@ acts! {
     CloudMatch "E" "cloud.match";
     /// The bytes or points of a cloud were fetched.
     CloudRead "R" "cloud.read";
+    /// How long a cloud is kept, or whether it is held, was changed.
+    CloudKeep "U" "cloud.keep";
     /// A cloud was erased.
     CloudDelete "D" "cloud.delete";
+    /// An upload was begun that may go on after it was cut.
+    UploadCreate "C" "upload.create";
+    /// Such an upload was erased.
+    UploadDelete "D" "upload.delete";
     /// A job was submitted.
     JobCreate "C" "job.create";
     /// The end of a job was asked for.
     JobCancel "U" "job.cancel";
+    /// How long a job is kept, or whether it is held, was changed.
+    JobKeep "U" "job.keep";
     /// A job was erased with its results.
     JobDelete "D" "job.delete";
     /// A mesh, a snapshot or a mask was fetched.
@@ -324,8 +335,9 @@ impl Transaction<'_> {
         }
         let head = head_of(head);
         let (tenant, actor, key) = match &caller.actor {
-            Actor::Key { name, id } => (Some(&caller.tenant), Some(name), Some(id)),
-            Actor::User { name } => (Some(&caller.tenant), Some(name), None),
+            Actor::Key { name, id } => (Some(&caller.tenant), Some(name.as_ref()), Some(id)),
+            Actor::User { name } => (Some(&caller.tenant), Some(name.as_ref()), None),
+            Actor::Service => (Some(&caller.tenant), Some(SERVICE), None),
             Actor::Stranger | Actor::Anybody => (None, None, None),
         };
         let mut row = AuditRow {

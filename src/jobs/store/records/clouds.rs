@@ -3,12 +3,9 @@
 use sqlx::sqlite::SqliteRow;
 
 use super::audit::Act;
-use super::idempotency::Subject;
 use super::row::{Columns, integer, to_json};
-use crate::identity::Caller;
-use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::store::{Acts, Records, Store};
-use crate::jobs::{Cloud, CloudDeletion, CloudId, NewCloud, Result};
+use crate::jobs::{Cloud, CloudId, NewCloud, Result};
 
 impl Acts<'_> {
     /// Writes the row of a cloud. If the tenant has one with the same bytes, returns that and `false`.
@@ -17,14 +14,20 @@ impl Acts<'_> {
     /// `Quota`.
     pub async fn insert_cloud(self, new: NewCloud) -> Result<(Cloud, bool)> {
         let caller = self.caller.clone();
-        self.store.write(move |mut tx| {
-            Box::pin(async move {
-                let inserted = sqlx::query(
-                    "INSERT INTO clouds (id, sha256, bytes, format, points, summary, created_at, tenant)
-                     VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)
-                     ON CONFLICT (tenant, sha256) DO NOTHING",
+        self.store
+            .write(move |mut tx| {
+                Box::pin(async move {
+                    let id = CloudId::new();
+                    // The one that is there is kept for the longer of the two times; NULL is for ever.
+                    let row = sqlx::query(
+                    "INSERT INTO clouds (id, sha256, bytes, format, points, summary, created_at,
+                         tenant, expires_at)
+                     VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?7 + ?9)
+                     ON CONFLICT (tenant, sha256)
+                     DO UPDATE SET expires_at = MAX(clouds.expires_at, excluded.expires_at)
+                     RETURNING *",
                 )
-                .bind(CloudId::new().as_str())
+                .bind(id.as_str())
                 .bind(&new.sha256)
                 .bind(integer(new.bytes))
                 .bind(new.summary.format.name())
@@ -32,36 +35,25 @@ impl Acts<'_> {
                 .bind(to_json(&new.summary))
                 .bind(tx.now)
                 .bind(caller.tenant.as_str())
-                .execute(&mut *tx.db)
+                .bind(new.keep_ms)
+                .fetch_one(&mut *tx.db)
                 .await?;
-                let row = sqlx::query("SELECT * FROM clouds WHERE sha256 = ?1 AND tenant = ?2")
-                    .bind(&new.sha256)
-                    .bind(caller.tenant.as_str())
-                    .fetch_one(&mut *tx.db)
-                    .await?;
-                let (cloud, created) = (cloud_of(&row)?, inserted.rows_affected() == 1);
-                if created {
-                    // It is among the stored bytes already.
-                    tx.check_bytes(&caller, 0).await?;
-                }
-                let act = if created { Act::CloudCreate } else { Act::CloudMatch };
-                tx.witness(&caller, act, cloud.id.as_str()).await?;
-                Ok((cloud, created))
+                    let cloud = cloud_of(&row)?;
+                    let created = cloud.id == id;
+                    if created {
+                        // It is among the stored bytes already.
+                        tx.check_bytes(&caller, 0).await?;
+                    }
+                    let act = if created {
+                        Act::CloudCreate
+                    } else {
+                        Act::CloudMatch
+                    };
+                    tx.witness(&caller, act, cloud.id.as_str()).await?;
+                    Ok((cloud, created))
+                })
             })
-        })
-        .await
-    }
-
-    /// Erases a cloud's row unless a job that has not ended needs it, and leaves a tombstone. Jobs
-    /// that have ended keep its name and know that it is gone.
-    pub async fn delete_cloud(self, id: &CloudId) -> Result<CloudDeletion> {
-        let erased = self.store.erase(|| {
-            let (id, caller) = (id.clone(), self.caller.clone());
-            Box::new(move |mut tx| Box::pin(async move { tx.erase_cloud(&id, &caller).await }))
-        });
-        let deletion = erased.await?;
-        self.store.bury().await;
-        Ok(deletion)
+            .await
     }
 }
 
@@ -123,39 +115,7 @@ impl Store {
     }
 }
 
-impl Transaction<'_> {
-    async fn erase_cloud(&mut self, id: &CloudId, caller: &Caller) -> Result<CloudDeletion> {
-        let in_use: bool = sqlx::query_scalar(
-            "SELECT EXISTS (SELECT 1 FROM jobs
-             WHERE cloud_id = ?1 AND tenant = ?2 AND status IN ('queued', 'running'))",
-        )
-        .bind(id.as_str())
-        .bind(caller.tenant.as_str())
-        .fetch_one(&mut *self.db)
-        .await?;
-        if in_use {
-            return Ok(CloudDeletion::InUse);
-        }
-        let deleted = sqlx::query("DELETE FROM clouds WHERE id = ?1 AND tenant = ?2 RETURNING *")
-            .bind(id.as_str())
-            .bind(caller.tenant.as_str())
-            .fetch_optional(&mut *self.db)
-            .await?;
-        let Some(row) = deleted else {
-            return Ok(CloudDeletion::Missing);
-        };
-        sqlx::query("UPDATE jobs SET cloud_erased = 1 WHERE cloud_id = ?1")
-            .bind(id.as_str())
-            .execute(&mut *self.db)
-            .await?;
-        self.empty_answers(&Subject::Cloud(id.clone())).await?;
-        self.leave_tombstone(&caller.tenant, id.as_str()).await?;
-        self.witness(caller, Act::CloudDelete, id.as_str()).await?;
-        Ok(CloudDeletion::Deleted(cloud_of(&row)?))
-    }
-}
-
-fn cloud_of(row: &SqliteRow) -> Result<Cloud> {
+pub(in crate::jobs::store) fn cloud_of(row: &SqliteRow) -> Result<Cloud> {
     let columns = Columns::new("clouds", row);
     Ok(Cloud {
         id: columns.parsed("id")?,
@@ -163,5 +123,7 @@ fn cloud_of(row: &SqliteRow) -> Result<Cloud> {
         bytes: columns.count("bytes")?,
         summary: columns.json("summary")?,
         created_at: columns.get("created_at")?,
+        expires_at: columns.get("expires_at")?,
+        hold: columns.get::<i64>("hold")? != 0,
     })
 }

@@ -4,9 +4,10 @@ use sqlx::Executor;
 use sqlx::sqlite::{Sqlite, SqliteRow};
 
 use super::audit::Act;
-use super::idempotency::{Idempotency, Subject};
+use super::idempotency::Idempotency;
 use super::outcome::{Fence, Outcome};
 use super::queue::cost_ms;
+use super::retention::keep_of;
 use super::row::{Columns, to_json};
 use super::tombstones;
 use crate::identity::{Caller, Tenant};
@@ -63,18 +64,6 @@ impl Acts<'_> {
         self.store
             .write(move |mut tx| Box::pin(async move { tx.request_cancel(&id, &caller).await }))
             .await
-    }
-
-    /// Erases a job in whatever state, with everything that belongs to it, and leaves a tombstone;
-    /// a worker that runs it finds its claim lost. The answer is what was known before.
-    pub async fn delete_job(self, id: &JobId) -> Result<Lookup> {
-        let erased = self.store.erase(|| {
-            let (id, caller) = (id.clone(), self.caller.clone());
-            Box::new(move |mut tx| Box::pin(async move { tx.erase_job(&id, &caller).await }))
-        });
-        let erased = erased.await?;
-        self.store.bury().await;
-        Ok(erased)
     }
 }
 
@@ -179,34 +168,6 @@ impl Transaction<'_> {
         Ok(Lookup::Found(Box::new(self.load_job(id).await?)))
     }
 
-    async fn erase_job(&mut self, id: &JobId, caller: &Caller) -> Result<Lookup> {
-        let Some(job) = find_job(&mut *self.db, id, &caller.tenant).await? else {
-            return find_tombstone(&mut *self.db, id, &caller.tenant).await;
-        };
-        // Foreign keys are enforced: if a table were missing here, the last statement would fail.
-        for statement in [
-            "INSERT INTO graves (key) SELECT object FROM meshes WHERE job_id = ?1",
-            "INSERT INTO graves (key) SELECT object FROM models WHERE job_id = ?1",
-            "INSERT INTO graves (key) SELECT object FROM checkpoints WHERE job_id = ?1",
-            "DELETE FROM meshes WHERE job_id = ?1",
-            "DELETE FROM models WHERE job_id = ?1",
-            "DELETE FROM checkpoints WHERE job_id = ?1",
-            "DELETE FROM metrics WHERE job_id = ?1",
-            "DELETE FROM gradients WHERE job_id = ?1",
-            "DELETE FROM events WHERE job_id = ?1",
-            "DELETE FROM jobs WHERE id = ?1",
-        ] {
-            sqlx::query(statement)
-                .bind(id.as_str())
-                .execute(&mut *self.db)
-                .await?;
-        }
-        self.empty_answers(&Subject::Job(id.clone())).await?;
-        self.leave_tombstone(&caller.tenant, id.as_str()).await?;
-        self.witness(caller, Act::JobDelete, id.as_str()).await?;
-        Ok(Lookup::Found(Box::new(job)))
-    }
-
     async fn insert_job(&mut self, new: &NewJob, caller: &Caller) -> Result<Job> {
         let select = "SELECT 1 FROM clouds WHERE id = ?1 AND tenant = ?2";
         let cloud: Option<i64> = sqlx::query_scalar(select)
@@ -228,8 +189,8 @@ impl Transaction<'_> {
         let id = JobId::new();
         sqlx::query(
             "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, derived_from,
-                 created_at, source, tenant, priority, cost_ms, account)
-             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
+                 created_at, source, tenant, priority, cost_ms, account, keep_ms, once)
+             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14)",
         )
         .bind(id.as_str())
         .bind(new.cloud_id.as_str())
@@ -243,6 +204,8 @@ impl Transaction<'_> {
         .bind(new.priority)
         .bind(cost_ms(new.cost_seconds))
         .bind(caller.account().into_owned())
+        .bind(new.keep.ms)
+        .bind(new.keep.once)
         .execute(&mut *self.db)
         .await?;
         let queued = NewEvent::Queued {
@@ -261,7 +224,7 @@ impl Transaction<'_> {
     }
 }
 
-async fn find_job<'e>(
+pub(in crate::jobs::store) async fn find_job<'e>(
     db: impl Executor<'e, Database = Sqlite>,
     id: &JobId,
     tenant: &Tenant,
@@ -314,6 +277,9 @@ pub(in crate::jobs::store) fn job_of(row: &SqliteRow) -> Result<Job> {
         created_at: columns.get("created_at")?,
         started_at: columns.get("started_at")?,
         finished_at: columns.get("finished_at")?,
+        keep: keep_of(columns)?,
+        expires_at: columns.get("expires_at")?,
+        hold: columns.get::<i64>("hold")? != 0,
         attempt: columns.get("attempt")?,
         failures: columns.get("failures")?,
         failure_reason: columns.optional_json("failure_reason")?,

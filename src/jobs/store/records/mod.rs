@@ -14,5 +14,7 @@ pub(in crate::jobs::store) mod metrics;
 pub(in crate::jobs::store) mod outcome;
 pub(in crate::jobs::store) mod queue;
 pub(in crate::jobs::store) mod quotas;
+pub(in crate::jobs::store) mod retention;
 pub(in crate::jobs::store) mod row;
 pub(in crate::jobs::store) mod tombstones;
+pub(in crate::jobs::store) mod uploads;

@@ -80,6 +80,7 @@ impl Transaction<'_> {
         let changed = sqlx::query(
             "UPDATE jobs SET status = ?4, finished_at = ?5, error = ?6, report = ?7,
                  worker = NULL, lease_until = NULL, counted_at = NULL, eta_seconds = NULL,
+                 expires_at = ?5 + keep_ms,
                  progress = CASE ?4 WHEN 'succeeded' THEN 1.0 ELSE progress END
              WHERE id = ?1 AND attempt = ?2 AND status = ?3",
         )

@@ -1,4 +1,4 @@
-//! What stays of erased jobs and clouds.
+//! What stays of erased jobs, clouds and uploads.
 
 use sqlx::Executor;
 use sqlx::sqlite::Sqlite;
@@ -7,31 +7,34 @@ use super::row::Columns;
 use crate::identity::Tenant;
 use crate::jobs::store::Records;
 use crate::jobs::store::sqlite::writer::Transaction;
-use crate::jobs::{CloudId, Result, Tombstone};
-
-/// Why a client's wish erased it: the only reason there is so far.
-const DELETED: &str = "deleted";
+use crate::jobs::{CloudId, Reason, Result, Tombstone, UploadId};
 
 impl Records<'_> {
     /// What stays of a cloud, if it was here and was erased.
     pub async fn cloud_tombstone(self, id: &CloudId) -> Result<Option<Tombstone>> {
         find(self.readers(), self.tenant, id.as_str()).await
     }
+
+    /// What stays of an upload, if it was here and was erased.
+    pub async fn upload_tombstone(self, id: &UploadId) -> Result<Option<Tombstone>> {
+        find(self.readers(), self.tenant, id.as_str()).await
+    }
 }
 
 impl Transaction<'_> {
-    /// Leaves a tombstone for the job or the cloud of the given name.
+    /// Leaves a tombstone for the job, cloud or upload of the given name.
     pub(in crate::jobs::store) async fn leave_tombstone(
         &mut self,
         tenant: &Tenant,
         id: &str,
+        reason: Reason,
     ) -> Result<()> {
         let insert =
             "INSERT INTO tombstones (id, deleted_at, reason, tenant) VALUES (?1, ?2, ?3, ?4)";
         sqlx::query(insert)
             .bind(id)
             .bind(self.now)
-            .bind(DELETED)
+            .bind(reason.name())
             .bind(tenant.as_str())
             .execute(&mut *self.db)
             .await?;

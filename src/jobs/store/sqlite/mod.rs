@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
 /// Names and texts of the migrations, in their order.
 pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 12] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 14] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -94,6 +94,14 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 12] = [
         include_str!("../../../../migrations/0011_turns.sql"),
     ),
     ("keys", include_str!("../../../../migrations/0012_keys.sql")),
+    (
+        "uploads",
+        include_str!("../../../../migrations/0013_uploads.sql"),
+    ),
+    (
+        "retention",
+        include_str!("../../../../migrations/0014_retention.sql"),
+    ),
 ];
 
 /// A connection to the database, migrated. SQLite refuses to change the journal of a new database while another

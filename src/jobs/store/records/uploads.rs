@@ -1,0 +1,209 @@
+//! Rows of uploads that may go on after they were cut. The files are the caller's: in place before the
+//! row, removed after it; and bytes are on the disk before the row counts them.
+
+use sqlx::sqlite::SqliteRow;
+
+use super::audit::Act;
+use super::row::{Columns, integer, to_json};
+use crate::identity::Tenant;
+use crate::jobs::store::{Acts, Records, Store};
+use crate::jobs::{CloudId, Error, NewUpload, Reason, Result, Step, Upload, UploadEnd, UploadId};
+
+impl Acts<'_> {
+    /// Begins an upload; none if the tenant has as many as `most` that are not complete.
+    pub async fn begin_upload(self, new: NewUpload, most: u32) -> Result<Option<Upload>> {
+        let caller = self.caller.clone();
+        self.store
+            .write(move |mut tx| {
+                Box::pin(async move {
+                    let count = "SELECT COUNT(*) FROM uploads WHERE tenant = ?1 AND complete = 0";
+                    let open: i64 = sqlx::query_scalar(count)
+                        .bind(caller.tenant.as_str())
+                        .fetch_one(&mut *tx.db)
+                        .await?;
+                    if open >= i64::from(most) {
+                        return Ok(None);
+                    }
+                    let row = sqlx::query(
+                        "INSERT INTO uploads (id, tenant, length, format, assume_orientation,
+                             created_at, expires_at)
+                         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?6 + ?7) RETURNING *",
+                    )
+                    .bind(new.id.as_str())
+                    .bind(caller.tenant.as_str())
+                    .bind(new.length.map(integer))
+                    .bind(new.hint.map(|format| format.name()))
+                    .bind(new.assume_orientation)
+                    .bind(tx.now)
+                    .bind(new.keep_ms)
+                    .fetch_one(&mut *tx.db)
+                    .await?;
+                    tx.witness(&caller, Act::UploadCreate, new.id.as_str())
+                        .await?;
+                    upload_of(&row).map(Some)
+                })
+            })
+            .await
+    }
+
+    /// Counts further bytes, which are on the disk.
+    ///
+    /// # Errors
+    /// `Stale` if the upload is gone, complete, or at another place than it was.
+    pub async fn advance_upload(self, id: &UploadId, step: Step) -> Result<Upload> {
+        let (id, tenant) = (id.clone(), self.caller.tenant.clone());
+        self.store
+            .write(move |tx| {
+                Box::pin(async move {
+                    let row = sqlx::query(
+                        "UPDATE uploads SET bytes = ?4, length = ?5, complete = ?6,
+                             expires_at = ?7 + ?8
+                         WHERE id = ?1 AND tenant = ?2 AND bytes = ?3 AND complete = 0
+                         RETURNING *",
+                    )
+                    .bind(id.as_str())
+                    .bind(tenant.as_str())
+                    .bind(integer(step.from))
+                    .bind(integer(step.to))
+                    .bind(step.length.map(integer))
+                    .bind(step.complete)
+                    .bind(tx.now)
+                    .bind(step.keep_ms)
+                    .fetch_optional(tx.db)
+                    .await?;
+                    upload_of(&row.ok_or(Error::Stale)?)
+                })
+            })
+            .await
+    }
+
+    /// Keeps what came of a complete upload. Its file may go afterwards.
+    ///
+    /// # Errors
+    /// `Stale` if the upload is gone, or something came of it before.
+    pub async fn end_upload(self, id: &UploadId, end: UploadEnd) -> Result<()> {
+        let (id, tenant) = (id.clone(), self.caller.tenant.clone());
+        self.store
+            .write(move |tx| {
+                Box::pin(async move {
+                    let (cloud, error) = match &end {
+                        UploadEnd::Cloud(id) => (Some(id.as_str()), None),
+                        UploadEnd::Refused(problem) => (None, Some(to_json(problem))),
+                    };
+                    let ended = sqlx::query(
+                        "UPDATE uploads SET cloud_id = ?3, error = ?4
+                         WHERE id = ?1 AND tenant = ?2 AND complete = 1
+                           AND cloud_id IS NULL AND error IS NULL",
+                    )
+                    .bind(id.as_str())
+                    .bind(tenant.as_str())
+                    .bind(cloud)
+                    .bind(error)
+                    .execute(tx.db)
+                    .await?;
+                    if ended.rows_affected() == 1 {
+                        Ok(())
+                    } else {
+                        Err(Error::Stale)
+                    }
+                })
+            })
+            .await
+    }
+
+    /// Erases the row of an upload and leaves a tombstone; whether there was one. What came of it
+    /// stays.
+    pub async fn erase_upload(self, id: &UploadId, reason: Reason) -> Result<bool> {
+        self.store
+            .erase(|| {
+                let (id, caller) = (id.clone(), self.caller.clone());
+                Box::new(move |mut tx| {
+                    Box::pin(async move {
+                        let delete = "DELETE FROM uploads WHERE id = ?1 AND tenant = ?2";
+                        let deleted = sqlx::query(delete)
+                            .bind(id.as_str())
+                            .bind(caller.tenant.as_str())
+                            .execute(&mut *tx.db)
+                            .await?;
+                        if deleted.rows_affected() == 0 {
+                            return Ok(false);
+                        }
+                        tx.leave_tombstone(&caller.tenant, id.as_str(), reason)
+                            .await?;
+                        tx.witness(&caller, Act::UploadDelete, id.as_str()).await?;
+                        Ok(true)
+                    })
+                })
+            })
+            .await
+    }
+}
+
+impl Records<'_> {
+    /// The upload of the given name.
+    pub async fn upload(self, id: &UploadId) -> Result<Option<Upload>> {
+        let row = sqlx::query("SELECT * FROM uploads WHERE id = ?1 AND tenant = ?2")
+            .bind(id.as_str())
+            .bind(self.tenant.as_str())
+            .fetch_optional(self.readers())
+            .await?;
+        row.as_ref().map(upload_of).transpose()
+    }
+}
+
+impl Store {
+    /// Bytes that uploads of all tenants have announced and not sent yet.
+    pub async fn announced_bytes(&self) -> Result<u64> {
+        let select = "SELECT COALESCE(SUM(MAX(length - bytes, 0)), 0) FROM uploads
+                      WHERE complete = 0 AND length IS NOT NULL";
+        let bytes: i64 = sqlx::query_scalar(select).fetch_one(self.readers()).await?;
+        Ok(bytes.unsigned_abs())
+    }
+
+    /// Complete uploads of all tenants of which nothing came yet: their server died meanwhile.
+    pub async fn unsettled_uploads(&self) -> Result<Vec<Upload>> {
+        let select = "SELECT * FROM uploads
+                      WHERE complete = 1 AND cloud_id IS NULL AND error IS NULL ORDER BY id";
+        let rows = sqlx::query(select).fetch_all(self.readers()).await?;
+        rows.iter().map(upload_of).collect()
+    }
+
+    /// Uploads of all tenants whose time is over, at most so many, with their tenants.
+    pub async fn expired_uploads(&self, limit: u32) -> Result<Vec<(UploadId, Tenant)>> {
+        let select = "SELECT id, tenant FROM uploads WHERE expires_at <= ?1
+                      ORDER BY expires_at LIMIT ?2";
+        let rows = sqlx::query(select).bind(self.now()).bind(limit);
+        let rows = rows.fetch_all(self.readers()).await?;
+        let named = |row: &SqliteRow| {
+            let columns = Columns::new("uploads", row);
+            Ok((columns.parsed("id")?, columns.parsed("tenant")?))
+        };
+        rows.iter().map(named).collect()
+    }
+
+    /// Names of the uploads of all tenants that have files: one with another name is an orphan.
+    pub async fn uploads_with_files(&self) -> Result<Vec<String>> {
+        let select = "SELECT id FROM uploads WHERE cloud_id IS NULL AND error IS NULL ORDER BY id";
+        Ok(sqlx::query_scalar(select).fetch_all(self.readers()).await?)
+    }
+}
+
+fn upload_of(row: &SqliteRow) -> Result<Upload> {
+    let columns = Columns::new("uploads", row);
+    let cloud: Option<CloudId> = columns.name("cloud_id")?;
+    let refused = columns.optional_json("error")?;
+    let end = cloud.map(UploadEnd::Cloud);
+    let length: Option<i64> = columns.get("length")?;
+    Ok(Upload {
+        id: columns.parsed("id")?,
+        tenant: columns.parsed("tenant")?,
+        length: length.map(i64::unsigned_abs),
+        bytes: columns.count("bytes")?,
+        complete: columns.get::<i64>("complete")? != 0,
+        hint: columns.name("format")?,
+        assume_orientation: columns.get::<i64>("assume_orientation")? != 0,
+        end: end.or(refused.map(UploadEnd::Refused)),
+        created_at: columns.get("created_at")?,
+        expires_at: columns.get("expires_at")?,
+    })
+}

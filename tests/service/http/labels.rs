@@ -1,0 +1,86 @@
+//! Erasing by label.
+
+use axum::body::Body;
+use axum::http::Request;
+use serde_json::json;
+
+use crate::http::contract::expect_contract;
+use crate::http::retention::Timed;
+use crate::http::support::{form_request, sphere_xyz};
+use crate::http::tenants::{Held, configure};
+
+#[tokio::test]
+async fn a_label_erases_its_jobs_and_their_clouds() {
+    let timed = Timed::with(&[]).await;
+    let service = &timed.service;
+    let (ours, theirs) = (Held::all("radiology"), Held::all("surgery"));
+    let marked = |patient: &str| json!({"labels": {"patient": patient}});
+    let first = timed.ended(0.0, marked("p7")).await;
+    let shown = timed.show(&first).await;
+    let cloud = shown["links"]["cloud"].as_str().unwrap().to_owned();
+    let second = timed.ended(1.0, marked("p7")).await;
+    let shared = timed.show(&second).await["links"]["cloud"]
+        .as_str()
+        .unwrap()
+        .to_owned();
+    // Of the same bytes, for somebody else.
+    let other = timed.ended(1.0, marked("p8")).await;
+    let held = timed.ended(2.0, marked("p7")).await;
+    timed.patch(&held, json!({"hold": true})).await.expect(200);
+    let waits = timed
+        .submit(json!({"cloud_id": shown["cloud_id"], "labels": {"patient": "p7"}}))
+        .await;
+    service
+        .delete("/v1/jobs")
+        .await
+        .expect_problem(422, "request_invalid");
+    service
+        .delete("/v1/jobs?label=p7")
+        .await
+        .expect_problem(422, "request_invalid");
+    let erased = service.delete("/v1/jobs?label=patient:p7").await;
+    expect_contract(&erased, "delete", "/v1/jobs");
+    assert_eq!(
+        erased.expect(200).json(),
+        json!({"jobs": 3, "clouds": 1, "held": 1})
+    );
+    for gone in [&first, &second, &waits, &cloud] {
+        timed.expect_gone(gone, "deleted").await;
+    }
+    for stays in [&other, &held, &shared] {
+        timed.show(stays).await;
+    }
+    let erased = service
+        .delete("/v1/jobs?label=patient:p8&clouds=false")
+        .await;
+    assert_eq!(
+        erased.expect(200).json(),
+        json!({"jobs": 1, "clouds": 0, "held": 0})
+    );
+    timed.show(&shared).await;
+    // Nobody else's.
+    configure(service, &[&ours, &theirs]);
+    let submit = |key| {
+        let body = json!({"labels": {"patient": "p9"}}).to_string();
+        let form = form_request(
+            "/v1/jobs",
+            &[
+                ("job", "", body.as_bytes()),
+                ("file", "", sphere_xyz(100, 5.0).as_bytes()),
+            ],
+        );
+        service.ask(key, form)
+    };
+    submit(&ours).await.expect(202);
+    let job = submit(&theirs).await.expect(202).json();
+    let erase = Request::delete("/v1/jobs?label=patient:p9").body(Body::empty());
+    let erased = service.ask(&ours, erase.unwrap()).await;
+    assert_eq!(
+        erased.expect(200).json(),
+        json!({"jobs": 1, "clouds": 1, "held": 0})
+    );
+    let theirs_job = job["links"]["self"].as_str().unwrap();
+    service.fetch(&theirs, theirs_job).await.expect(200);
+    let content = format!("{}/content", job["links"]["cloud"].as_str().unwrap());
+    service.fetch(&theirs, &content).await.expect(200);
+}
