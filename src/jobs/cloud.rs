@@ -39,7 +39,7 @@ pub struct NewCloud {
 #[derive(Debug, Clone, PartialEq)]
 pub enum CloudDeletion {
     /// The row is gone; the file may go.
-    Deleted(Cloud),
+    Deleted(Box<Cloud>),
     /// A job that has not ended needs it.
     InUse,
     /// There is no such cloud.

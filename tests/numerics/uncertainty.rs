@@ -53,9 +53,9 @@ fn what_is_missing_of_a_surface_is_told() {
     };
     let (whole, tells) = missing(|_| true, 0.0);
     assert!(whole < 0.04 && tells, "{whole}");
-    // A cap of a quarter of the area: seen from any point of a sphere, it takes up as much of the view.
+    // A cap of a quarter of the area takes up less of the view, for it is farther away than the rest.
     let (cut, tells) = missing(|p| p[2] < 0.5, 0.0);
-    assert!((0.18..0.32).contains(&cut) && !tells, "{cut}");
+    assert!((0.13..0.25).contains(&cut) && !tells, "{cut}");
     let (noisy, tells) = missing(|_| true, 0.5);
     assert!(noisy < 0.1 && !tells, "{noisy}");
 }

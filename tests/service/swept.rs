@@ -76,7 +76,8 @@ async fn what_has_expired_goes_once_whenever_the_server_is_killed() {
     let trail = folder.store.audit_after(0, 1_000).await.unwrap();
     let mut told: Vec<_> = trail.iter().map(|row| row.object.clone()).collect();
     let mut expected: Vec<_> = ids.iter().map(ToString::to_string).collect();
-    (told.sort(), expected.sort());
+    told.sort();
+    expected.sort();
     assert_eq!(told, expected);
     assert!(trail.iter().all(|row| row.event == "job.delete"));
     assert!(folder.store.audit_verify(&[]).await.unwrap().is_ok());

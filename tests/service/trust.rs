@@ -128,8 +128,8 @@ async fn a_file_of_keys_with_a_fault_is_refused_at_the_start() {
 
 /// How often the service is killed; `make soak-audit` asks for more.
 fn kills() -> usize {
-    let asked = std::env::var("MESHWAY_AUDIT_KILLS").ok();
-    asked.map_or(4, |asked| asked.parse().unwrap())
+    let asked = std::env::var_os("MESHWAY_AUDIT_KILLS");
+    asked.map_or(4, |asked| asked.to_str().unwrap().parse().unwrap())
 }
 
 #[tokio::test]

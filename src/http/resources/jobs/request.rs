@@ -280,6 +280,7 @@ pub(in crate::http) fn preset_named(name: &str) -> std::result::Result<Preset, S
     })
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "as members are taken")]
 fn wanted(value: Value) -> std::result::Result<Wanted, String> {
     Wanted::of_job(value.as_str().unwrap_or_default())
 }

@@ -344,7 +344,7 @@ impl Transaction<'_> {
             seq: head.seq + 1,
             at: self.now,
             tenant: tenant.map(ToString::to_string),
-            actor: actor.map(ToString::to_string),
+            actor: actor.map(str::to_owned),
             key: key.map(ToString::to_string),
             address: caller
                 .address

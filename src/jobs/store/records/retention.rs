@@ -310,7 +310,7 @@ impl Transaction<'_> {
         self.leave_tombstone(&caller.tenant, id.as_str(), reason)
             .await?;
         self.witness(caller, Act::CloudDelete, id.as_str()).await?;
-        Ok(CloudDeletion::Deleted(cloud))
+        Ok(CloudDeletion::Deleted(Box::new(cloud)))
     }
 
     /// Erases a cloud that no job names and nothing holds; none if it stays.
@@ -330,7 +330,7 @@ impl Transaction<'_> {
             return Ok(None);
         }
         match self.erase_cloud(id, caller, Reason::Deleted).await? {
-            CloudDeletion::Deleted(cloud) => Ok(Some(cloud)),
+            CloudDeletion::Deleted(cloud) => Ok(Some(*cloud)),
             CloudDeletion::InUse | CloudDeletion::Missing => Ok(None),
         }
     }

@@ -8,6 +8,7 @@ use super::row::{Columns, integer, to_json};
 use crate::identity::Tenant;
 use crate::jobs::store::{Acts, Records, Store};
 use crate::jobs::{CloudId, Error, NewUpload, Reason, Result, Step, Upload, UploadEnd, UploadId};
+use crate::reconstruction::cloud::Format;
 
 impl Acts<'_> {
     /// Begins an upload; none if the tenant has as many as `most` that are not complete.
@@ -32,7 +33,7 @@ impl Acts<'_> {
                     .bind(new.id.as_str())
                     .bind(caller.tenant.as_str())
                     .bind(new.length.map(integer))
-                    .bind(new.hint.map(|format| format.name()))
+                    .bind(new.hint.map(Format::name))
                     .bind(new.assume_orientation)
                     .bind(tx.now)
                     .bind(new.keep_ms)
