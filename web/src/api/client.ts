@@ -80,6 +80,8 @@ export function upload<T>(path: string, file: File, onProgress: (share: number) 
       if (request.status < 300) resolve(JSON.parse(request.responseText) as T);
       else reject(failure(request.status, request.responseText));
     };
+    // Who waits for it goes on.
+    request.onabort = () => reject(new DOMException('The upload was given up.', 'AbortError'));
     signal.addEventListener('abort', () => request.abort());
     const form = new FormData();
     form.append('file', file);

@@ -5,6 +5,8 @@ import type { components } from './contract';
 type Schemas = components['schemas'];
 export type Job = Schemas['Job'];
 export type Cloud = Schemas['Cloud'];
+/** A label, segment or region of a medical file. */
+export type Part = Schemas['SegmentationItem'];
 export type Problem = Schemas['Problem'];
 export type Settings = Schemas['Settings'];
 export type Report = Schemas['Report'];

@@ -25,9 +25,11 @@ export function Progress({ share, label }: { share: number; label: string }) {
   return <progress max={1} value={share} aria-label={label} />;
 }
 
-/** What a job is called: by the file that it was made from, where that is known. */
-export function title(job: Pick<Row, 'id' | 'labels'>): string {
-  return job.labels['file'] ?? `Job ${short(job.id)}`;
+/** What a job is called: by the file and the part of it that it was made from, where that is known. */
+export function title({ id, labels: { file, part }, source }: Pick<Row, 'id' | 'labels' | 'source'>): string {
+  if (!file) return `Job ${short(id)}`;
+  const of = source && (part ?? String(source.label ?? source.segment ?? source.roi));
+  return of ? `${file}, ${of}` : file;
 }
 
 /** The end of an id tells jobs apart, its beginning is the time. */

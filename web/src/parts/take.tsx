@@ -41,6 +41,7 @@ function request(job: Job) {
   const body: Record<string, unknown> = { preset: job.preset };
   if (Object.keys(settings).length > 0) body['settings'] = settings;
   if (Object.keys(job.labels).length > 0) body['labels'] = job.labels;
+  if (job.source) body['source'] = job.source;
   return body;
 }
 
