@@ -37,6 +37,7 @@ function FileLine({ draft, fault }: { draft: Draft; fault: string | undefined })
       {!cloud && !trouble && (
         <span class="running-line"><Progress share={draft.progress} label={`Upload of ${name}`} /> {percent(draft.progress)}</span>
       )}
+      {draft.waits && <p class="hint" role="status">{draft.waits} The upload goes on by itself from where it was cut.</p>}
       {cloud && <span class="muted">{described(cloud)}</span>}
       {cloud?.segmentation?.assumed_orientation && (
         <p class="hint">The file does not say how it lies in the patient. It is taken as it is; left and right may be swapped.</p>

@@ -2,7 +2,8 @@
 // them. They survive a change of page.
 
 import { computed, signal } from '@preact/signals';
-import { Failure, upload, words } from '../api/client';
+import { Failure, words } from '../api/client';
+import { upload } from '../api/upload';
 import type { Cloud, Part } from '../api/types';
 
 export interface Draft {
@@ -10,6 +11,8 @@ export interface Draft {
   name: string;
   bytes: number;
   progress: number;
+  /** Why its upload waits, until it goes on by itself. */
+  waits: string;
   cloud: Cloud | null;
   trouble: string;
   /** Code of the trouble, where the service gave one. */
@@ -50,7 +53,8 @@ let queue = Promise.resolve();
 
 function begun(name: string, bytes: number, file: File | null): Draft {
   const draft: Draft = {
-    key: next, name, bytes, progress: 0, cloud: null, trouble: '', code: '', chosen: new Set(), file, stop: new AbortController(),
+    key: next, name, bytes, progress: 0, waits: '', cloud: null, trouble: '', code: '', chosen: new Set(), file,
+    stop: new AbortController(),
   };
   next += 1;
   return draft;
@@ -86,11 +90,15 @@ export function assume({ key }: Draft): void {
 async function send({ key, stop }: Draft, file: File, assumed: boolean): Promise<void> {
   if (stop.signal.aborted) return;
   try {
-    const progress = (share: number) => update(key, { progress: share });
-    const path = `/v1/clouds${assumed ? '?assume_orientation=true' : ''}`;
-    update(key, found(await upload<Cloud>(path, file, progress, stop.signal)));
+    const cloud = await upload(file, {
+      assumed,
+      signal: stop.signal,
+      onProgress: (share) => update(key, { progress: share, waits: '' }),
+      onWait: (why) => update(key, { waits: why }),
+    });
+    update(key, { ...found(cloud), waits: '' });
   } catch (error) {
-    update(key, { trouble: words(error), code: error instanceof Failure ? error.problem?.code ?? '' : '' });
+    update(key, { waits: '', trouble: words(error), code: error instanceof Failure ? error.problem?.code ?? '' : '' });
   }
 }
 
