@@ -48,6 +48,11 @@ export function remaining(seconds: number): string {
   return seconds < 1 ? 'nearly done' : `about ${duration(Math.max(1, Math.round(seconds))).replace('.0', '')} left`;
 }
 
+/** When a job that waits will have ended, roughly. */
+export function until(seconds: number): string {
+  return `done in about ${duration(Math.max(1, Math.round(seconds))).replace('.0', '')}`;
+}
+
 const clock = new Intl.DateTimeFormat(undefined, { hour: '2-digit', minute: '2-digit' });
 const day = new Intl.DateTimeFormat(undefined, { day: 'numeric', month: 'short', hour: '2-digit', minute: '2-digit' });
 

@@ -20,6 +20,7 @@ export type PresetName = Schemas['PresetName'];
 export type PresetEntry = Schemas['PresetEntry'];
 export type Snapshot = Schemas['Snapshot'];
 export type MetricSeries = Schemas['MetricSeries'];
+export type BlockSeries = Schemas['BlockSeries'];
 export type GradientHistogram = Schemas['GradientHistogram'];
 export type Limits = Schemas['Limits'];
 export type Ready = Schemas['Ready'];

@@ -4,8 +4,9 @@ import { computed, signal, type Signal } from '@preact/signals';
 import { useEffect, useLayoutEffect, useRef, useState } from 'preact/hooks';
 import type { Row } from '../api/types';
 import { duration, many, number, between, percent, remaining } from '../format';
-import { Badge, Progress, short, Time, title, Trouble } from '../parts/basic';
+import { Badge, Kept, Progress, short, Time, title, Trouble } from '../parts/basic';
 import { ChooseFiles } from '../parts/drop';
+import { standing } from '../parts/waits';
 import { cancel, remove } from '../state/actions';
 import { active, complete, loading, more, rows, show, trouble, type Filters } from '../state/jobs';
 import { href, replace, route } from '../state/route';
@@ -208,7 +209,7 @@ function JobRow({ row, index }: { row: Signal<Row>; index: number }) {
       </td>
       <td class="state"><State job={job} /></td>
       <td class="wide-only result"><Result job={job} /></td>
-      <td class="when"><Time at={job.created_at} /></td>
+      <td class="when"><Time at={job.created_at} /><span class="under"><Kept job={job} /></span></td>
     </tr>
   );
 }
@@ -219,7 +220,7 @@ function State({ job }: { job: Row }) {
       <>
         <Badge of={job.status} />
         <span class="under">
-          {job.status === 'queued' && job.queue_position !== null && `Number ${job.queue_position} in the queue`}
+          {job.status === 'queued' && standing(job).join(', ').replace(/^n/, 'N')}
           {job.started_at && job.finished_at && duration(between(job.started_at, job.finished_at))}
         </span>
       </>

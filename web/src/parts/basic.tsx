@@ -37,6 +37,12 @@ export function short(id: string): string {
   return id.slice(-8);
 }
 
+/** How long a job is kept, where that is not for ever. */
+export function Kept({ job: { hold, expires_at: end } }: { job: Pick<Row, 'hold' | 'expires_at'> }) {
+  if (hold) return <span class="kept" title="It cannot be erased until it is let go.">Held</span>;
+  return end ? <span class="kept">Erased <Time at={end} /></span> : null;
+}
+
 export function Trouble({ children }: { children: ComponentChildren }) {
   return <p class="trouble" role="alert">{children}</p>;
 }

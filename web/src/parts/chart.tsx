@@ -9,6 +9,8 @@ export interface Curve {
   /** Name of its colour in the style sheet. */
   color: string;
   dashed?: boolean;
+  /** Whether its values belong to things of their own: dots in place of a line. */
+  dots?: boolean;
   x: number[];
   y: (number | null)[];
 }
@@ -35,8 +37,12 @@ function table(curves: Curve[], log: boolean): (number | null)[][] {
   return [xs, ...columns];
 }
 
-function said({ label, y }: Curve): string {
+function said({ label, y, dots }: Curve): string {
   const values = y.filter((value): value is number => value !== null);
+  if (dots && values.length > 0) {
+    const [least, most] = [Math.min, Math.max].map((of) => values.reduce((a, b) => of(a, b)));
+    return `${label} between ${number(least)} and ${number(most)}`;
+  }
   return values.length === 0 ? `${label}: no values yet` : `${label} from ${number(values[0])} to ${number(values.at(-1))}`;
 }
 
@@ -65,6 +71,7 @@ export function Chart({ curves, log, xLabel }: Props) {
           { label: xLabel },
           ...curves.map((curve) => ({
             label: curve.label, stroke: color(curve.color), width: 2, spanGaps: true, points: { show: false },
+            ...(curve.dots ? { paths: () => null, points: { show: true, size: 6, fill: color(curve.color) } } : {}),
             ...(curve.dashed ? { dash: [6, 4] } : {}),
             value: (_: unknown, value: number | null) => number(value),
           })),
