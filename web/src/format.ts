@@ -62,6 +62,16 @@ export function local(time: string): string {
   return date.toDateString() === new Date().toDateString() ? clock.format(date) : day.format(date);
 }
 
+const date = new Intl.DateTimeFormat(undefined, { day: 'numeric', month: 'short' });
+const dateOfYear = new Intl.DateTimeFormat(undefined, { month: 'short', year: 'numeric' });
+
+/** The time where it is today, else the day, else the month: the farther away, the less of it counts. */
+export function soon(time: string): string {
+  const [at, now] = [new Date(time), new Date()];
+  if (at.toDateString() === now.toDateString()) return clock.format(at);
+  return Math.abs(at.getTime() - now.getTime()) < 300 * 86_400_000 ? date.format(at) : dateOfYear.format(at);
+}
+
 export function between(from: string, to: string): number {
   return (Date.parse(to) - Date.parse(from)) / 1000;
 }

@@ -65,11 +65,11 @@ test('a job that waits says its place, its end and its priority', async () => {
   const later = await submit(origin, cloud, { preset: 'fast', settings: small, labels: { file: 'later.ply' } });
   await submit(origin, cloud, { preset: 'fast', settings: small, labels: { file: 'urgent.ply' }, priority: 3 });
   await page.goto(`${origin}/#/jobs`);
-  await page.getByRole('row', { name: /urgent\.ply.*Number 1 in the queue, done in about .*, priority \+3/ }).waitFor();
+  await page.getByRole('row', { name: /urgent\.ply.*priority \+3 Number 1 in the queue, done in about / }).waitFor();
   await page.getByRole('row', { name: /later\.ply.*Number 2 in the queue, done in about / }).waitFor();
   await accessible(page);
   await page.goto(`${origin}/#/jobs/${later.id}`);
-  await page.getByText(/^Waits for a worker, number 2 in the queue, done in about .*\.$/).waitFor();
+  await page.getByText(/^Waits for a worker, number 2 in the queue, done in about .*\./).waitFor();
   await accessible(page);
   await fetch(`${origin}/v1/jobs/${first}/cancel`, { method: 'POST' });
   await page.locator('.page-head .badge', { hasText: 'Succeeded' }).waitFor();

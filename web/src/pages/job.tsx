@@ -9,7 +9,7 @@ import { CurvesPanel } from '../parts/curves';
 import { Downloads, Snippets } from '../parts/take';
 import { differences } from '../parts/settings';
 import { ReportPanel } from '../parts/report';
-import { standing } from '../parts/waits';
+import { Priority, standing } from '../parts/waits';
 import { cancel, remove, retry } from '../state/actions';
 import { useJob } from '../state/job';
 import { active } from '../state/jobs';
@@ -124,8 +124,9 @@ function Steps({ job }: { job: Job }) {
       <Progress share={job.progress} label="Progress of the job" />
       <p class="muted">
         {job.status === 'queued'
-          ? `${['Waits for a worker', ...standing(job)].join(', ')}.`
+          ? `${['Waits for a worker', ...standing(job)].join(', ')}. `
           : `${percent(job.progress)}${job.eta_seconds !== null ? `, ${remaining(job.eta_seconds)}` : ''}`}
+        <Priority job={job} />
         {job.attempt > 1 && ` Attempt ${job.attempt}.`}
       </p>
     </section>

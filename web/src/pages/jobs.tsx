@@ -6,7 +6,7 @@ import type { Row } from '../api/types';
 import { duration, many, number, between, percent, remaining } from '../format';
 import { Badge, Kept, Progress, short, Time, title, Trouble } from '../parts/basic';
 import { ChooseFiles } from '../parts/drop';
-import { standing } from '../parts/waits';
+import { Priority, standing } from '../parts/waits';
 import { cancel, remove } from '../state/actions';
 import { active, complete, loading, more, rows, show, trouble, type Filters } from '../state/jobs';
 import { href, replace, route } from '../state/route';
@@ -218,9 +218,9 @@ function State({ job }: { job: Row }) {
   if (job.status !== 'running') {
     return (
       <>
-        <Badge of={job.status} />
+        <Badge of={job.status} /> <Priority job={job} />
         <span class="under">
-          {job.status === 'queued' && standing(job).join(', ').replace(/^n/, 'N')}
+          {job.status === 'queued' && <span class="clamp">{standing(job).join(', ').replace(/^n/, 'N')}</span>}
           {job.started_at && job.finished_at && duration(between(job.started_at, job.finished_at))}
         </span>
       </>

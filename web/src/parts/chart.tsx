@@ -21,6 +21,9 @@ interface Props {
   xLabel: string;
 }
 
+/** Steps of an axis that counts things. */
+const WHOLE = [1, 10, 100, 1000, 10_000, 100_000].flatMap((power) => [power, 2 * power, 5 * power]);
+
 /** All curves over the places that any of them has. */
 function table(curves: Curve[], log: boolean): (number | null)[][] {
   const xs = [...new Set(curves.flatMap((curve) => curve.x))].sort((a, b) => a - b);
@@ -64,7 +67,7 @@ export function Chart({ curves, log, xLabel }: Props) {
         ...size(),
         scales: { x: { time: false }, y: { distr: log ? 3 : 1 } },
         axes: [
-          { ...axis, label: xLabel, labelSize: 22, size: 36 },
+          { ...axis, label: xLabel, labelSize: 22, size: 36, ...(curves.some(({ dots }) => dots) ? { incrs: WHOLE } : {}) },
           { ...axis, size: 64, values: (_, splits) => splits.map((value) => (value === null ? '' : number(value))) },
         ],
         series: [

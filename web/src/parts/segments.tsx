@@ -48,8 +48,10 @@ export function Parts({ draft, fault }: { draft: Draft; fault: string | undefine
           <label class="check">
             <input type="checkbox" checked={chosen.has(part.number)} onChange={({ currentTarget }) => set([part.number], currentTarget.checked)} />
             {part.color && <span class="swatch" style={{ background: part.color }} aria-hidden="true" />}
-            <span class="part-name">{part.name || `${NOUNS[kind]} ${part.number}`}</span>
-            <span class="muted">{part.name ? `number ${part.number}, ` : ''}{extent(part)}</span>
+            <span class="part-name">
+              {part.name || `${NOUNS[kind]} ${part.number}`}{' '}
+              <span class="muted">{part.name ? `number ${part.number}, ` : ''}{extent(part)}</span>
+            </span>
           </label>
         ))}
       </div>
