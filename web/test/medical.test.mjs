@@ -100,6 +100,11 @@ test('the labels of a file are chosen from, and each becomes a job', async () =>
   await page.getByRole('heading', { name: 'organs.nii, 3' }).waitFor();
   await page.getByRole('application', { name: /[1-9][\d,]* triangles/ }).waitFor();
   await page.getByText('"source":{"label":3}').waitFor();
+  for (const name of ['DICOM', '3MF', 'VTP']) {
+    const coming = page.waitForEvent('download');
+    await page.getByRole('link', { name, exact: true }).click();
+    assert.equal(await (await coming).failure(), null);
+  }
   assert.deepEqual(await violations(page), []);
   assert.deepEqual(unmeant(faults), []);
   await page.context().close();

@@ -124,7 +124,7 @@ function Nothing({ filtered }: { filtered: boolean }) {
   return (
     <div class="empty first-time">
       <p class="big">Drop a point cloud anywhere on this page.</p>
-      <p>PLY, XYZ, CSV, PTS, PCD, NPY, OBJ, OFF or STL. You get a closed mesh back, and how far it can be relied on.</p>
+      <p>PLY, XYZ, CSV, PTS, PCD, NPY, OBJ, OFF, STL or VTK; or a segmentation: NIfTI, NRRD, MHA, DICOM SEG or RT-STRUCT. You get a closed mesh back, and how far it can be relied on.</p>
       <ChooseFiles label="Choose point clouds…" />
     </div>
   );
