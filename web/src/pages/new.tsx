@@ -54,7 +54,7 @@ function labelsOf(text: string): Record<string, string> {
 
 export function NewPage() {
   const [plan, setPlan] = useState<Plan>({ preset: 'balanced', changes: {}, watch: false, schemes: false, labels: '' });
-  const [failure, setFailure] = useState<Failure | null>(null);
+  const [refused, setRefused] = useState<{ failure: Failure; of: string } | null>(null);
   const [sending, setSending] = useState(false);
   const wanted = route.value.query.get('cloud_id');
   useEffect(() => {
@@ -67,9 +67,11 @@ export function NewPage() {
   const asked = next();
   const estimate = useEstimate(plan, asked);
   const change = (next: Partial<Plan>) => {
-    setFailure(null);
+    setRefused(null);
     setPlan({ ...plan, ...next });
   };
+  // What was said of another choice of files and parts counts no more.
+  const failure = refused?.of === choice() ? refused.failure : null;
   const faults = failure?.faults ?? estimate.failure?.faults ?? new Map<string, string>();
   const start = async () => {
     setSending(true);
@@ -83,12 +85,13 @@ export function NewPage() {
       }
       if (plan.schemes) go(href('compare', { label: `experiment:${experiment}` }));
       else go(jobs.length === 1 ? href(`jobs/${jobs[0]?.id}`) : href('jobs'));
+      finish(done);
       say(`${many(jobs.length, 'job')} submitted.`);
     } catch (error) {
-      setFailure(error instanceof Failure ? error : new Failure(words(error), 0, null));
+      finish(done);
+      setRefused({ failure: error instanceof Failure ? error : new Failure(words(error), 0, null), of: choice() });
       if (jobs.length > 0) say(`${many(jobs.length, 'job')} submitted; the others are still here.`);
     } finally {
-      finish(done);
       setSending(false);
     }
   };
@@ -147,6 +150,9 @@ function variants(plan: Plan, experiment: string): Plan[] {
     labels: `${plan.labels}, experiment:${experiment}, scheme:${scheme}`,
   }));
 }
+
+/** Files and parts that are chosen, as a text to tell one choice from another. */
+const choice = () => pieces.value.map(({ draft, part }) => `${draft.key}/${part?.number}`).join();
 
 /** What the estimate is asked for: a file of which nothing is chosen yet goes first, so that it is told of. */
 function next(): { draft: Draft; piece: Piece } | undefined {
