@@ -48,6 +48,11 @@ export function remaining(seconds: number): string {
   return seconds < 1 ? 'nearly done' : `about ${duration(Math.max(1, Math.round(seconds))).replace('.0', '')} left`;
 }
 
+/** When a job that waits will have ended, roughly. */
+export function until(seconds: number): string {
+  return `done in about ${duration(Math.max(1, Math.round(seconds))).replace('.0', '')}`;
+}
+
 const clock = new Intl.DateTimeFormat(undefined, { hour: '2-digit', minute: '2-digit' });
 const day = new Intl.DateTimeFormat(undefined, { day: 'numeric', month: 'short', hour: '2-digit', minute: '2-digit' });
 
@@ -55,6 +60,16 @@ const day = new Intl.DateTimeFormat(undefined, { day: 'numeric', month: 'short',
 export function local(time: string): string {
   const date = new Date(time);
   return date.toDateString() === new Date().toDateString() ? clock.format(date) : day.format(date);
+}
+
+const date = new Intl.DateTimeFormat(undefined, { day: 'numeric', month: 'short' });
+const dateOfYear = new Intl.DateTimeFormat(undefined, { month: 'short', year: 'numeric' });
+
+/** The time where it is today, else the day, else the month: the farther away, the less of it counts. */
+export function soon(time: string): string {
+  const [at, now] = [new Date(time), new Date()];
+  if (at.toDateString() === now.toDateString()) return clock.format(at);
+  return Math.abs(at.getTime() - now.getTime()) < 300 * 86_400_000 ? date.format(at) : dateOfYear.format(at);
 }
 
 export function between(from: string, to: string): number {

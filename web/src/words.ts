@@ -62,4 +62,6 @@ export const FORMATS: { name: string; text: string }[] = [
   { name: 'obj', text: 'most 3D programs' },
   { name: 'glb', text: 'web and viewers' },
   { name: 'off', text: 'geometry libraries' },
+  { name: '3mf', text: 'printing, with its unit' },
+  { name: 'vtp', text: 'ParaView and VTK, with distances' },
 ];

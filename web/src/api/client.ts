@@ -69,21 +69,35 @@ export async function erase(path: string): Promise<void> {
   await answer(path, { method: 'DELETE' });
 }
 
-/** Uploads a file; fetch does not tell how far it is. */
-export function upload<T>(path: string, file: File, onProgress: (share: number) => void, signal: AbortSignal): Promise<T> {
+/** A request with a body whose way is told of. */
+export interface Sending {
+  method: 'POST' | 'PATCH';
+  path: string;
+  headers?: Record<string, string>;
+  body: FormData | Blob;
+  /** Bytes of the body that left so far, and all of them. */
+  onProgress: (loaded: number, total: number) => void;
+  signal: AbortSignal;
+}
+
+/** Sends it; fetch does not tell how far it is. */
+export function send({ method, path, headers, body, onProgress, signal }: Sending): Promise<XMLHttpRequest> {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
-    request.open('POST', path);
-    request.upload.onprogress = ({ loaded, total }) => onProgress(total > 0 ? loaded / total : 0);
+    request.open(method, path);
+    for (const [name, value] of Object.entries(headers ?? {})) request.setRequestHeader(name, value);
+    request.upload.onprogress = ({ loaded, total }) => onProgress(loaded, total);
     request.onerror = () => reject(unreachable());
+    // Who waits for it goes on.
+    request.onabort = () => reject(new DOMException('The upload was given up.', 'AbortError'));
     request.onload = () => {
-      if (request.status < 300) resolve(JSON.parse(request.responseText) as T);
+      if (request.status < 300) resolve(request);
       else reject(failure(request.status, request.responseText));
     };
-    signal.addEventListener('abort', () => request.abort());
-    const form = new FormData();
-    form.append('file', file);
-    request.send(form);
+    const stop = () => request.abort();
+    request.onloadend = () => signal.removeEventListener('abort', stop);
+    signal.addEventListener('abort', stop);
+    request.send(body);
   });
 }
 

@@ -5,6 +5,8 @@ import type { components } from './contract';
 type Schemas = components['schemas'];
 export type Job = Schemas['Job'];
 export type Cloud = Schemas['Cloud'];
+/** A label, segment or region of a medical file. */
+export type Part = Schemas['SegmentationItem'];
 export type Problem = Schemas['Problem'];
 export type Settings = Schemas['Settings'];
 export type Report = Schemas['Report'];
@@ -18,6 +20,7 @@ export type PresetName = Schemas['PresetName'];
 export type PresetEntry = Schemas['PresetEntry'];
 export type Snapshot = Schemas['Snapshot'];
 export type MetricSeries = Schemas['MetricSeries'];
+export type BlockSeries = Schemas['BlockSeries'];
 export type GradientHistogram = Schemas['GradientHistogram'];
 export type Limits = Schemas['Limits'];
 export type Ready = Schemas['Ready'];

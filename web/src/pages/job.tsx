@@ -9,6 +9,7 @@ import { CurvesPanel } from '../parts/curves';
 import { Downloads, Snippets } from '../parts/take';
 import { differences } from '../parts/settings';
 import { ReportPanel } from '../parts/report';
+import { Priority, standing } from '../parts/waits';
 import { cancel, remove, retry } from '../state/actions';
 import { useJob } from '../state/job';
 import { active } from '../state/jobs';
@@ -43,6 +44,8 @@ function Found({ job, warnings, snapshots }: { job: Job; warnings: { code: strin
       <p class="muted">
         Preset {job.preset}, submitted <Time at={job.created_at} />
         {job.started_at && job.finished_at && <>, took {duration(between(job.started_at, job.finished_at))}</>}
+        {job.hold && <>, held: it cannot be erased until it is let go</>}
+        {!job.hold && job.expires_at && <>, will be erased <Time at={job.expires_at} /></>}
         {job.derived_from && <>, a retry of <a href={href(`jobs/${job.derived_from}`)}>this job</a></>}
         {Object.entries(job.labels).filter(([name]) => name !== 'file').map(([name, value]) => (
           <> <a class="chip" href={href('jobs', { label: `${name}:${value}` })}>{name}: {value}</a></>
@@ -121,8 +124,9 @@ function Steps({ job }: { job: Job }) {
       <Progress share={job.progress} label="Progress of the job" />
       <p class="muted">
         {job.status === 'queued'
-          ? `Waits for a worker${job.queue_position ? `, number ${job.queue_position} in the queue` : ''}.`
+          ? `${['Waits for a worker', ...standing(job)].join(', ')}. `
           : `${percent(job.progress)}${job.eta_seconds !== null ? `, ${remaining(job.eta_seconds)}` : ''}`}
+        <Priority job={job} />
         {job.attempt > 1 && ` Attempt ${job.attempt}.`}
       </p>
     </section>

@@ -4,8 +4,9 @@ import { computed, signal, type Signal } from '@preact/signals';
 import { useEffect, useLayoutEffect, useRef, useState } from 'preact/hooks';
 import type { Row } from '../api/types';
 import { duration, many, number, between, percent, remaining } from '../format';
-import { Badge, Progress, short, Time, title, Trouble } from '../parts/basic';
+import { Badge, Kept, Progress, short, Time, title, Trouble } from '../parts/basic';
 import { ChooseFiles } from '../parts/drop';
+import { Priority, standing } from '../parts/waits';
 import { cancel, remove } from '../state/actions';
 import { active, complete, loading, more, rows, show, trouble, type Filters } from '../state/jobs';
 import { href, replace, route } from '../state/route';
@@ -123,7 +124,7 @@ function Nothing({ filtered }: { filtered: boolean }) {
   return (
     <div class="empty first-time">
       <p class="big">Drop a point cloud anywhere on this page.</p>
-      <p>PLY, XYZ, CSV, PTS, PCD, NPY, OBJ, OFF or STL. You get a closed mesh back, and how far it can be relied on.</p>
+      <p>PLY, XYZ, CSV, PTS, PCD, NPY, OBJ, OFF, STL or VTK; or a segmentation: NIfTI, NRRD, MHA, DICOM SEG or RT-STRUCT. You get a closed mesh back, and how far it can be relied on.</p>
       <ChooseFiles label="Choose point clouds…" />
     </div>
   );
@@ -208,7 +209,7 @@ function JobRow({ row, index }: { row: Signal<Row>; index: number }) {
       </td>
       <td class="state"><State job={job} /></td>
       <td class="wide-only result"><Result job={job} /></td>
-      <td class="when"><Time at={job.created_at} /></td>
+      <td class="when"><Time at={job.created_at} /><span class="under"><Kept job={job} /></span></td>
     </tr>
   );
 }
@@ -217,9 +218,9 @@ function State({ job }: { job: Row }) {
   if (job.status !== 'running') {
     return (
       <>
-        <Badge of={job.status} />
+        <Badge of={job.status} /> <Priority job={job} />
         <span class="under">
-          {job.status === 'queued' && job.queue_position !== null && `Number ${job.queue_position} in the queue`}
+          {job.status === 'queued' && <span class="clamp">{standing(job).join(', ').replace(/^n/, 'N')}</span>}
           {job.started_at && job.finished_at && duration(between(job.started_at, job.finished_at))}
         </span>
       </>

@@ -3,12 +3,12 @@
 import { useEffect, useState } from 'preact/hooks';
 import { Failure, get, post, sentence, words } from '../api/client';
 import type { Cloud, DryRun, Estimate, Job, NewJob, PresetName, Settings } from '../api/types';
-import { bytes, count, duration, many, number, percent } from '../format';
-import { Panel, Progress, Trouble } from '../parts/basic';
-import { ChooseFiles } from '../parts/drop';
+import { bytes, count, duration, many } from '../format';
+import { Panel, Trouble } from '../parts/basic';
+import { Files } from '../parts/files';
 import { say } from '../parts/say';
 import { asSettings, SettingsForm, type Changes } from '../parts/settings';
-import { clear, discard, drafts, ready, reuse, underway, type Draft } from '../state/drafts';
+import { finish, pieces, ready, reuse, underway, type Draft, type Piece } from '../state/drafts';
 import { loadPresets, preset as presetOf } from '../state/presets';
 import { go, href, route } from '../state/route';
 import { PRESETS } from '../words';
@@ -54,7 +54,7 @@ function labelsOf(text: string): Record<string, string> {
 
 export function NewPage() {
   const [plan, setPlan] = useState<Plan>({ preset: 'balanced', changes: {}, watch: false, schemes: false, labels: '' });
-  const [failure, setFailure] = useState<Failure | null>(null);
+  const [refused, setRefused] = useState<{ failure: Failure; of: string } | null>(null);
   const [sending, setSending] = useState(false);
   const wanted = route.value.query.get('cloud_id');
   useEffect(() => {
@@ -64,33 +64,39 @@ export function NewPage() {
       get<Cloud>(`/v1/clouds/${wanted}`).then((cloud) => reuse(cloud, name), (error) => say(words(error)));
     }
   }, [wanted]);
-  const clouds = ready.value.flatMap(({ cloud }) => cloud ?? []);
-  const estimate = useEstimate(plan, clouds[0]);
+  const asked = next();
+  const estimate = useEstimate(plan, asked);
   const change = (next: Partial<Plan>) => {
-    setFailure(null);
+    setRefused(null);
     setPlan({ ...plan, ...next });
   };
+  // What was said of another choice of files and parts counts no more.
+  const failure = refused?.of === choice() ? refused.failure : null;
   const faults = failure?.faults ?? estimate.failure?.faults ?? new Map<string, string>();
   const start = async () => {
     setSending(true);
+    const jobs: Job[] = [];
+    const done: Piece[] = [];
     try {
-      const jobs: Job[] = [];
       const experiment = crypto.getRandomValues(new Uint32Array(1))[0]?.toString(16) ?? '0';
-      for (const draft of ready.value) {
-        for (const variant of variants(plan, experiment)) jobs.push(await submit(variant, draft));
+      for (const piece of pieces.value) {
+        for (const variant of variants(plan, experiment)) jobs.push(await post<Job>('/v1/jobs', request(variant, piece)));
+        done.push(piece);
       }
-      clear();
       if (plan.schemes) go(href('compare', { label: `experiment:${experiment}` }));
       else go(jobs.length === 1 ? href(`jobs/${jobs[0]?.id}`) : href('jobs'));
+      finish(done);
       say(`${many(jobs.length, 'job')} submitted.`);
     } catch (error) {
-      setFailure(error instanceof Failure ? error : new Failure(words(error), 0, null));
+      finish(done);
+      setRefused({ failure: error instanceof Failure ? error : new Failure(words(error), 0, null), of: choice() });
+      if (jobs.length > 0) say(`${many(jobs.length, 'job')} submitted; the others are still here.`);
     } finally {
       setSending(false);
     }
   };
-  const some = clouds.length > 0;
-  const total = clouds.length * (plan.schemes ? SCHEMES.length : 1);
+  const some = pieces.value.length > 0;
+  const total = pieces.value.length * (plan.schemes ? SCHEMES.length : 1);
   return (
     <>
       <div class="page-head"><h1 tabIndex={-1}>New job</h1></div>
@@ -99,7 +105,7 @@ export function NewPage() {
         if (some && !sending) void start();
       }}>
         <div>
-          <Files />
+          <Files fault={{ draft: asked?.draft.key, text: faults.get('/source') }} />
           <PresetChoice value={plan.preset} onChange={(name) => change({ preset: name, changes: {} })} />
           <Panel title="Settings">
             <label class="check">
@@ -126,7 +132,9 @@ export function NewPage() {
           <button type="submit" class="primary large" disabled={!some || sending || underway.value || faults.size > 0}>
             {underway.value ? 'Uploading…' : total > 1 ? `Start ${total} jobs` : 'Start'}
           </button>
-          {!some && !underway.value && <p class="muted">Choose a point cloud first.</p>}
+          {!some && !underway.value && (
+            <p class="muted">{asked ? 'Choose which parts of the file become surfaces.' : 'Choose a point cloud first.'}</p>
+          )}
         </div>
       </form>
     </>
@@ -143,24 +151,42 @@ function variants(plan: Plan, experiment: string): Plan[] {
   }));
 }
 
-function submit(plan: Plan, draft: Draft): Promise<Job> {
-  const request: NewJob = {
-    preset: plan.preset,
-    settings: settingsOf(plan),
-    labels: { file: draft.name.slice(0, 64), ...labelsOf(plan.labels) },
-  };
-  if (draft.cloud) request.cloud_id = draft.cloud.id;
-  return post<Job>('/v1/jobs', request);
+/** Files and parts that are chosen, as a text to tell one choice from another. */
+const choice = () => pieces.value.map(({ draft, part }) => `${draft.key}/${part?.number}`).join();
+
+/** What the estimate is asked for: a file of which nothing is chosen yet goes first, so that it is told of. */
+function next(): { draft: Draft; piece: Piece } | undefined {
+  const open = ready.value.find(({ key }) => !pieces.value.some(({ draft }) => draft.key === key));
+  if (open?.cloud) return { draft: open, piece: { draft: open, cloud: open.cloud, part: null } };
+  const piece = pieces.value[0];
+  return piece && { draft: piece.draft, piece };
 }
 
-function useEstimate(plan: Plan, cloud: Cloud | undefined) {
+/** The beginning of a name, as long as the value of a label may be. */
+const cut = (text: string) => [...text].slice(0, 64).join('');
+
+function request(plan: Plan, { draft, cloud, part }: Piece): NewJob {
+  const labels = { file: cut(draft.name), ...labelsOf(plan.labels) };
+  const job: NewJob = { cloud_id: cloud.id, preset: plan.preset, settings: settingsOf(plan), labels };
+  if (part) {
+    job.labels = { part: cut(part.name || String(part.number)), ...labels };
+    // A name can be there twice, a number cannot.
+    job.source = { label: part.number };
+  }
+  return job;
+}
+
+function useEstimate(plan: Plan, asked: ReturnType<typeof next>) {
   const [found, setFound] = useState<{ value: Estimate | null; failure: Failure | null }>({ value: null, failure: null });
-  const request = JSON.stringify({ cloud_id: cloud?.id, preset: plan.preset, settings: settingsOf(plan) });
+  const part = asked?.piece.part;
+  const text = JSON.stringify({
+    cloud_id: asked?.piece.cloud.id, preset: plan.preset, settings: settingsOf(plan), source: part ? { label: part.number } : undefined,
+  });
   useEffect(() => {
     const stop = new AbortController();
     const timer = setTimeout(async () => {
       try {
-        const { estimate } = await post<DryRun>('/v1/jobs?dry_run=true', JSON.parse(request), stop.signal);
+        const { estimate } = await post<DryRun>('/v1/jobs?dry_run=true', JSON.parse(text), stop.signal);
         setFound({ value: estimate, failure: null });
       } catch (error) {
         if (error instanceof Failure) setFound({ value: null, failure: error });
@@ -170,48 +196,8 @@ function useEstimate(plan: Plan, cloud: Cloud | undefined) {
       clearTimeout(timer);
       stop.abort();
     };
-  }, [request]);
+  }, [text]);
   return found;
-}
-
-function Files() {
-  return (
-    <Panel title="Point clouds">
-      {drafts.value.length === 0 && <p class="muted">Drop files anywhere on this page, or choose them. Points at most 5 million.</p>}
-      <ul class="files">{drafts.value.map((draft) => <File key={draft.key} draft={draft} />)}</ul>
-      <ChooseFiles label={drafts.value.length > 0 ? 'Add files…' : 'Choose files…'} />
-    </Panel>
-  );
-}
-
-function File({ draft }: { draft: Draft }) {
-  const { cloud, trouble, name } = draft;
-  return (
-    <li>
-      <div class="file-line">
-        <strong class="clamp">{name}</strong>
-        <button type="button" class="plain small" aria-label={`Remove ${name}`} onClick={() => discard(draft)}>✕</button>
-      </div>
-      {trouble && <Trouble>{trouble}</Trouble>}
-      {!cloud && !trouble && (
-        <span class="running-line"><Progress share={draft.progress} label={`Upload of ${name}`} /> {percent(draft.progress)}</span>
-      )}
-      {cloud && <span class="muted">{described(cloud)}</span>}
-      {cloud?.warnings?.map(({ message }) => <p class="hint">{sentence(message)}</p>)}
-    </li>
-  );
-}
-
-function described(cloud: Cloud): string {
-  const parts = [many(cloud.points, 'point'), bytes(cloud.bytes), cloud.format.toUpperCase()];
-  if (cloud.normals) parts.push('with normals');
-  const { interior = 0, exterior = 0 } = cloud.labels ?? {};
-  if (interior + exterior > 0) parts.push(`${count(interior)} inside, ${count(exterior)} outside`);
-  if (cloud.bounds) {
-    const { min, max } = cloud.bounds;
-    parts.push(min.map((low, axis) => number((max[axis] ?? low) - low)).join(' × '));
-  }
-  return parts.join(', ');
 }
 
 function PresetChoice({ value, onChange }: { value: PresetName; onChange: (name: PresetName) => void }) {
@@ -230,11 +216,13 @@ function PresetChoice({ value, onChange }: { value: PresetName; onChange: (name:
 }
 
 function EstimatePanel({ estimate, trouble }: { estimate: Estimate | null; trouble: Failure | null }) {
+  // What is wrong with the choice of a part stands at the file.
+  const faults = [...trouble?.faults ?? []].filter(([pointer]) => pointer !== '/source');
   return (
     <Panel title="Estimate">
-      {trouble && (
+      {trouble && (faults.length > 0 || trouble.faults.size === 0) && (
         <Trouble>
-          {trouble.faults.size === 0 ? trouble.message : [...trouble.faults].map(([pointer, detail]) => (
+          {faults.length === 0 ? trouble.message : faults.map(([pointer, detail]) => (
             <span class="line">{pointer.replace(/^\/(settings\/)?/, '').replaceAll('/', '.')} {sentence(detail).replace(/^./, (first) => first.toLowerCase())}</span>
           ))}
         </Trouble>

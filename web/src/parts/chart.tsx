@@ -9,6 +9,8 @@ export interface Curve {
   /** Name of its colour in the style sheet. */
   color: string;
   dashed?: boolean;
+  /** Whether its values belong to things of their own: dots in place of a line. */
+  dots?: boolean;
   x: number[];
   y: (number | null)[];
 }
@@ -18,6 +20,9 @@ interface Props {
   log: boolean;
   xLabel: string;
 }
+
+/** Steps of an axis that counts things. */
+const WHOLE = [1, 10, 100, 1000, 10_000, 100_000].flatMap((power) => [power, 2 * power, 5 * power]);
 
 /** All curves over the places that any of them has. */
 function table(curves: Curve[], log: boolean): (number | null)[][] {
@@ -35,8 +40,12 @@ function table(curves: Curve[], log: boolean): (number | null)[][] {
   return [xs, ...columns];
 }
 
-function said({ label, y }: Curve): string {
+function said({ label, y, dots }: Curve): string {
   const values = y.filter((value): value is number => value !== null);
+  if (dots && values.length > 0) {
+    const [least, most] = [Math.min, Math.max].map((of) => values.reduce((a, b) => of(a, b)));
+    return `${label} between ${number(least)} and ${number(most)}`;
+  }
   return values.length === 0 ? `${label}: no values yet` : `${label} from ${number(values[0])} to ${number(values.at(-1))}`;
 }
 
@@ -58,13 +67,14 @@ export function Chart({ curves, log, xLabel }: Props) {
         ...size(),
         scales: { x: { time: false }, y: { distr: log ? 3 : 1 } },
         axes: [
-          { ...axis, label: xLabel, labelSize: 22, size: 36 },
+          { ...axis, label: xLabel, labelSize: 22, size: 36, ...(curves.some(({ dots }) => dots) ? { incrs: WHOLE } : {}) },
           { ...axis, size: 64, values: (_, splits) => splits.map((value) => (value === null ? '' : number(value))) },
         ],
         series: [
           { label: xLabel },
           ...curves.map((curve) => ({
             label: curve.label, stroke: color(curve.color), width: 2, spanGaps: true, points: { show: false },
+            ...(curve.dots ? { paths: () => null, points: { show: true, size: 6, fill: color(curve.color) } } : {}),
             ...(curve.dashed ? { dash: [6, 4] } : {}),
             value: (_: unknown, value: number | null) => number(value),
           })),

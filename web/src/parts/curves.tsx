@@ -1,16 +1,17 @@
 // The training of a job as curves.
 
 import { useEffect, useMemo, useState } from 'preact/hooks';
-import { get } from '../api/client';
-import type { GradientHistogram, Job } from '../api/types';
+import { get, words } from '../api/client';
+import type { BlockSeries, GradientHistogram, Job } from '../api/types';
 import { losses, norms, useCurves, type Curves } from '../state/curves';
 import { active } from '../state/jobs';
-import { Panel } from './basic';
+import { many } from '../format';
+import { Panel, Trouble } from './basic';
 import { Chart, type Curve } from './chart';
 
-type Choice = 'loss' | 'gradient' | 'weights';
+type Choice = 'loss' | 'gradient' | 'weights' | 'blocks';
 
-const CHOICES: Record<Choice, string> = { loss: 'Loss', gradient: 'Gradient norm', weights: 'Weight norms' };
+const CHOICES: Record<Choice, string> = { loss: 'Loss', gradient: 'Gradient norm', weights: 'Weight norms', blocks: 'Each block' };
 
 const COLORS = ['curve-1', 'curve-2', 'curve-3', 'curve-4'];
 
@@ -49,12 +50,51 @@ export function CurvesPanel({ job }: { job: Job }) {
   );
   return (
     <Panel title="Training" aside={controls}>
-      {curves.evaluation.length > 0
+      {choice === 'blocks' ? <Blocks job={job} log={log} /> : curves.evaluation.length > 0
         ? <Chart curves={shown} log={log} xLabel="Evaluations" />
         : <p class="muted">{active(job.status) ? 'Curves appear when training begins.' : 'There are no curves.'}</p>}
       <Gradients job={job} />
     </Panel>
   );
+}
+
+/** What the numbers of blocks are called, in the order in which they are drawn. */
+const QUANTITIES: { name: 'first_loss' | 'loss' | 'held_out_error'; label: string; color: string }[] = [
+  { name: 'first_loss', label: 'Loss after the first step', color: 'curve-4' },
+  { name: 'loss', label: 'Loss at the end', color: 'curve-1' },
+  { name: 'held_out_error', label: 'Distance of points held out', color: 'curve-2' },
+];
+
+/** The blocks of a job beside each other, asked for when they are chosen. */
+function Blocks({ job, log }: { job: Job; log: boolean }) {
+  const [found, setFound] = useState<BlockSeries | null>(null);
+  const [trouble, setTrouble] = useState('');
+  useEffect(() => {
+    get<BlockSeries>(`/v1/jobs/${job.id}/metrics?blocks=true`).then(setFound, (error: unknown) => setTrouble(words(error)));
+  }, [job.id, job.status]);
+  const shown = useMemo(() => QUANTITIES.flatMap(({ name, label, color }): Curve[] => {
+    const y = found?.series[name] ?? [];
+    return y.some((value) => value !== null) ? [{ label, color, dots: true, x: y.map((_, i) => i + 1), y }] : [];
+  }), [found]);
+  if (trouble) return <Trouble>{trouble}</Trouble>;
+  if (!found) return <p class="muted" role="status">Loading…</p>;
+  if (shown.length === 0) {
+    return <p class="muted">{active(job.status) ? 'The numbers of each block appear when the job has succeeded.' : 'The cloud was not cut into blocks.'}</p>;
+  }
+  return (
+    <>
+      <Chart curves={shown} log={log} xLabel="Block" />
+      <p class="help">{ended(found)}</p>
+    </>
+  );
+}
+
+/** How many blocks there are, and why their trainings ended. */
+function ended({ blocks, series: { termination = [] } }: BlockSeries): string {
+  const counts = new Map<string, number>();
+  for (const why of termination) counts.set(why, (counts.get(why) ?? 0) + 1);
+  const reasons = [...counts].sort((a, b) => b[1] - a[1]).map(([why, count]) => `${why.replaceAll('_', ' ')} ${count}`);
+  return `${many(blocks, 'block')}. Their trainings ended by: ${reasons.join(', ')}.`;
 }
 
 /** The places of the bins' middles, and how many components of the gradient each has. */

@@ -22,10 +22,11 @@ export function Downloads({ job }: { job: Job }) {
         {others.map(({ name, text }) => (
           <li><a href={link(name)} download>{name.toUpperCase()}</a> {text}</li>
         ))}
+        {(job.frame === 'lps' || job.frame === 'ras') && <li><a href={link('dcm')} download>DICOM</a> archives and planning, in the patient's frame</li>}
         <li><a href={`/v1/jobs/${job.id}/report`} download={`${job.id}-report.json`}>Report, as JSON</a></li>
         <li><a href={`/v1/jobs/${job.id}/metrics?format=csv`} download={`${job.id}-metrics.csv`}>Curves, as CSV</a></li>
         <li><a href={`/v1/jobs/${job.id}/model`} download>Network, as safetensors</a></li>
-        <li><a href={`/v1/clouds/${job.cloud_id}/content`} download>The points as uploaded</a></li>
+        <li><a href={`/v1/clouds/${job.cloud_id}/content`} download>The file as uploaded</a></li>
       </ul>
     </Panel>
   );
@@ -41,6 +42,7 @@ function request(job: Job) {
   const body: Record<string, unknown> = { preset: job.preset };
   if (Object.keys(settings).length > 0) body['settings'] = settings;
   if (Object.keys(job.labels).length > 0) body['labels'] = job.labels;
+  if (job.source) body['source'] = job.source;
   return body;
 }
 
