@@ -12,7 +12,7 @@ use crate::http::api;
 use crate::http::resources::jobs::found::Found;
 use crate::http::wire::accept::preferred;
 use crate::http::wire::error::{ApiError, Code, Result};
-use crate::http::wire::extract::{NoQuery, Query, text};
+use crate::http::wire::extract::{NoQuery, Query, text, whole};
 use crate::jobs::Job;
 use crate::reconstruction::training::{Column, Metrics, csv};
 
@@ -49,9 +49,9 @@ pub(in crate::http) async fn metrics(
     }
     let fields = query.take("fields", |list| fields(&list));
     let fields = fields.unwrap_or_else(|| Column::ALL.to_vec());
-    let after = query.take("after", text::<u64>).unwrap_or(0);
+    let after = query.take("after", whole).unwrap_or(0);
     let max_points = query.take("max_points", |value| {
-        let points = text::<usize>(value)?;
+        let points = whole(value)? as usize;
         (points >= MIN_POINTS)
             .then_some(points)
             .ok_or(format!("must be at least {MIN_POINTS}"))

@@ -242,6 +242,19 @@ where
     value.parse().map_err(|error: T::Err| error.to_string())
 }
 
+/// For [`Query::take`]: a whole number from 0 to 2⁵³ - 1, the largest that every client has exactly.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the shape that take asks for"
+)]
+pub(in crate::http) fn whole(value: String) -> std::result::Result<u64, String> {
+    let most = (1 << 53) - 1;
+    match value.parse() {
+        Ok(number) if number <= most => Ok(number),
+        _ => Err(format!("must be a whole number from 0 to {most}")),
+    }
+}
+
 /// For [`Members::take`]: anything with a JSON form.
 pub(in crate::http) fn json<T: DeserializeOwned>(value: Value) -> std::result::Result<T, String> {
     serde_json::from_value(value).map_err(|error| error.to_string())

@@ -2276,7 +2276,7 @@ export interface components {
         /** @description How the body is compressed. */
         ContentEncoding: "identity" | "gzip" | "zstd";
         /**
-         * @description One range of bytes.
+         * @description One range of bytes. What is none is passed over, as in RFC 9110.
          * @example bytes=0-99
          */
         Range: string;
@@ -2565,7 +2565,7 @@ export interface operations {
             query?: never;
             header?: {
                 /**
-                 * @description One range of bytes.
+                 * @description One range of bytes. What is none is passed over, as in RFC 9110.
                  * @example bytes=0-99
                  */
                 Range?: components["parameters"]["Range"];
@@ -2625,7 +2625,7 @@ export interface operations {
             };
             header?: {
                 /**
-                 * @description One range of bytes.
+                 * @description One range of bytes. What is none is passed over, as in RFC 9110.
                  * @example bytes=0-99
                  */
                 Range?: components["parameters"]["Range"];
@@ -3581,7 +3581,7 @@ export interface operations {
             };
             header?: {
                 /**
-                 * @description One range of bytes.
+                 * @description One range of bytes. What is none is passed over, as in RFC 9110.
                  * @example bytes=0-99
                  */
                 Range?: components["parameters"]["Range"];
@@ -3662,7 +3662,7 @@ export interface operations {
             };
             header?: {
                 /**
-                 * @description One range of bytes.
+                 * @description One range of bytes. What is none is passed over, as in RFC 9110.
                  * @example bytes=0-99
                  */
                 Range?: components["parameters"]["Range"];
@@ -3740,7 +3740,7 @@ export interface operations {
             query?: never;
             header?: {
                 /**
-                 * @description One range of bytes.
+                 * @description One range of bytes. What is none is passed over, as in RFC 9110.
                  * @example bytes=0-99
                  */
                 Range?: components["parameters"]["Range"];
@@ -3840,7 +3840,7 @@ export interface operations {
             };
             header?: {
                 /**
-                 * @description One range of bytes.
+                 * @description One range of bytes. What is none is passed over, as in RFC 9110.
                  * @example bytes=0-99
                  */
                 Range?: components["parameters"]["Range"];
@@ -3954,7 +3954,7 @@ export interface operations {
             query?: never;
             header?: {
                 /**
-                 * @description One range of bytes.
+                 * @description One range of bytes. What is none is passed over, as in RFC 9110.
                  * @example bytes=0-99
                  */
                 Range?: components["parameters"]["Range"];

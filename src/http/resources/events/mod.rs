@@ -21,7 +21,7 @@ use crate::http::api;
 use crate::http::resources::events::subscription::{SILENCE, Subscription};
 use crate::http::resources::jobs::found::found;
 use crate::http::wire::error::{ApiError, Result};
-use crate::http::wire::extract::{Id, Query, text};
+use crate::http::wire::extract::{Id, Query, text, whole};
 use crate::identity::{Caller, Tenant};
 use crate::jobs::{Event, EventKind, Job, JobId, Problem, Status};
 
@@ -120,7 +120,7 @@ struct Asked {
 impl Asked {
     /// `Last-Event-ID`, which a browser sends by itself, wins over the address it was given.
     fn of(mut query: Query, headers: &HeaderMap) -> Result<Self> {
-        let after = query.take("after", text::<i64>);
+        let after = query.take("after", |value| whole(value).map(|id| id as i64));
         let limit = query.take("limit", |value| {
             text::<u32>(value).and_then(|limit| match limit {
                 1..=MAX_LIMIT => Ok(limit),
