@@ -82,6 +82,15 @@ impl ApiError {
         .with("reason", tombstone.reason.as_str().into())
     }
 
+    /// Why something of this kind is not here, from what stays of it: it was erased, or never was.
+    pub fn absent(what: &str, stays: jobs::Result<Option<Tombstone>>) -> Self {
+        match stays {
+            Ok(Some(tombstone)) => Self::gone(what, &tombstone),
+            Ok(None) => Self::not_found(what),
+            Err(error) => error.into(),
+        }
+    }
+
     /// Refused parameters or fields, all of them.
     pub fn faults(code: Code, faults: Vec<Fault>) -> Self {
         let detail = faults

@@ -34,8 +34,8 @@ pub(crate) const FOURTH: [(&str, &str); 4] = [
     ),
 ];
 
-/// Those of the version before uploads could go on and records had a time to live.
-const TENTH: [(&str, &str); 10] = [
+/// Those of the version before tenants.
+pub(crate) const NINTH: [(&str, &str); 9] = [
     FOURTH[0],
     FOURTH[1],
     FOURTH[2],
@@ -57,6 +57,19 @@ const TENTH: [(&str, &str); 10] = [
         "sources",
         include_str!("../../../migrations/0009_sources.sql"),
     ),
+];
+
+/// Those of the version before tenants took turns, uploads could go on and records had a time to live.
+pub(crate) const TENTH: [(&str, &str); 10] = [
+    NINTH[0],
+    NINTH[1],
+    NINTH[2],
+    NINTH[3],
+    NINTH[4],
+    NINTH[5],
+    NINTH[6],
+    NINTH[7],
+    NINTH[8],
     (
         "tenants",
         include_str!("../../../migrations/0010_tenants.sql"),

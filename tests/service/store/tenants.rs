@@ -7,34 +7,9 @@ use meshway::jobs::{
 use serde_json::json;
 use sqlx::Connection;
 
-use crate::store::migrations::{FOURTH, database};
+use crate::store::migrations::{NINTH, database};
 use crate::store::support::{Bench, new_cloud};
 use crate::who::{ours, us};
-
-/// The migrations of the version before tenants.
-pub(crate) const NINTH: [(&str, &str); 9] = [
-    FOURTH[0],
-    FOURTH[1],
-    FOURTH[2],
-    FOURTH[3],
-    (
-        "metrics_of_blocks",
-        include_str!("../../../migrations/0005_metrics_of_blocks.sql"),
-    ),
-    ("work", include_str!("../../../migrations/0006_work.sql")),
-    (
-        "objects",
-        include_str!("../../../migrations/0007_objects.sql"),
-    ),
-    (
-        "verdicts_of_snapshots",
-        include_str!("../../../migrations/0008_verdicts_of_snapshots.sql"),
-    ),
-    (
-        "sources",
-        include_str!("../../../migrations/0009_sources.sql"),
-    ),
-];
 
 fn stranger() -> Caller {
     Caller {

@@ -7,9 +7,8 @@ use meshway::jobs::{FailureReason, Job, JobId, NewJob, Options, Place, Problem, 
 use serde_json::json;
 use sqlx::Connection;
 
-use crate::store::migrations::database;
+use crate::store::migrations::{TENTH, database};
 use crate::store::support::{Bench, LEASE_MS, new_cloud};
-use crate::store::tenants::NINTH;
 use crate::who::ours;
 
 fn of(tenant: &str) -> Caller {
@@ -208,11 +207,7 @@ async fn worked_time_is_counted_once_for_whom_it_was_done() {
 #[tokio::test]
 async fn jobs_from_before_turns_are_claimed_in_their_order() {
     let folder = tempfile::tempdir().unwrap();
-    let tenth = (
-        "tenants",
-        include_str!("../../../migrations/0010_tenants.sql"),
-    );
-    let mut db = database(folder.path(), &[&NINTH[..], &[tenth]].concat()).await;
+    let mut db = database(folder.path(), &TENTH).await;
     let settings = meshway::reconstruction::Preset::Fast.settings();
     let ids = [JobId::new(), JobId::new()];
     for (at, id) in (1..).zip(&ids) {

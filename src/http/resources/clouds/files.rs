@@ -151,7 +151,7 @@ pub(in crate::http) async fn erase_with_job(
     let Some(cloud) = cloud else {
         return Ok((job, false));
     };
-    remove_of(app, &CloudDeletion::Deleted(Box::new(cloud))).await?;
+    remove_unheld(app, &cloud.sha256).await?;
     Ok((job, true))
 }
 

@@ -158,9 +158,5 @@ pub(in crate::http) async fn find(app: &AppState, tenant: &Tenant, id: &CloudId)
 
 /// Why there is no such cloud: it was erased, or never here.
 async fn absent(app: &AppState, tenant: &Tenant, id: &CloudId) -> ApiError {
-    match app.store.of(tenant).cloud_tombstone(id).await {
-        Ok(Some(tombstone)) => ApiError::gone("cloud", &tombstone),
-        Ok(None) => ApiError::not_found("cloud"),
-        Err(error) => error.into(),
-    }
+    ApiError::absent("cloud", app.store.of(tenant).cloud_tombstone(id).await)
 }

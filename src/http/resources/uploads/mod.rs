@@ -306,11 +306,7 @@ async fn find(app: &AppState, tenant: &Tenant, id: &UploadId) -> Result<Upload> 
 
 /// Why there is no such upload: it was given up, its time was over, or it never was here.
 async fn absent(app: &AppState, tenant: &Tenant, id: &UploadId) -> ApiError {
-    match app.store.of(tenant).upload_tombstone(id).await {
-        Ok(Some(tombstone)) => ApiError::gone("upload", &tombstone),
-        Ok(None) => ApiError::not_found("upload"),
-        Err(error) => error.into(),
-    }
+    ApiError::absent("upload", app.store.of(tenant).upload_tombstone(id).await)
 }
 
 fn elsewhere(asked: &Asked, upload: &Upload) -> ApiError {

@@ -2,6 +2,8 @@
 //! their time is over. Rows first, in one transaction with tombstone and audit row; a server that dies
 //! after it leaves bytes without a row, which the next one removes.
 
+use std::str::FromStr;
+
 use sqlx::sqlite::SqliteRow;
 
 use super::audit::Act;
@@ -214,13 +216,7 @@ impl Store {
     pub async fn due_jobs(&self, limit: u32) -> Result<Vec<(JobId, Tenant)>> {
         let select = "SELECT id, tenant FROM jobs WHERE expires_at <= ?1 AND hold = 0
                       ORDER BY expires_at LIMIT ?2";
-        let rows = sqlx::query(select).bind(self.now()).bind(limit);
-        let rows = rows.fetch_all(self.readers()).await?;
-        let named = |row: &SqliteRow| {
-            let columns = Columns::new("jobs", row);
-            Ok((columns.parsed("id")?, columns.parsed("tenant")?))
-        };
-        rows.iter().map(named).collect()
+        self.due("jobs", select, limit).await
     }
 
     /// Clouds of all tenants whose time is over and that nothing holds or needs, at most so many.
@@ -229,10 +225,23 @@ impl Store {
                       AND NOT EXISTS (SELECT 1 FROM jobs WHERE cloud_id = clouds.id
                                       AND status IN ('queued', 'running'))
                       ORDER BY expires_at LIMIT ?2";
+        self.due("clouds", select, limit).await
+    }
+
+    /// What a statement finds of a table, given now and the most rows, with the tenants.
+    pub(super) async fn due<T>(
+        &self,
+        table: &'static str,
+        select: &'static str,
+        limit: u32,
+    ) -> Result<Vec<(T, Tenant)>>
+    where
+        T: FromStr<Err: ToString>,
+    {
         let rows = sqlx::query(select).bind(self.now()).bind(limit);
         let rows = rows.fetch_all(self.readers()).await?;
         let named = |row: &SqliteRow| {
-            let columns = Columns::new("clouds", row);
+            let columns = Columns::new(table, row);
             Ok((columns.parsed("id")?, columns.parsed("tenant")?))
         };
         rows.iter().map(named).collect()

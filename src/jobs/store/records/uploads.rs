@@ -173,13 +173,7 @@ impl Store {
     pub async fn expired_uploads(&self, limit: u32) -> Result<Vec<(UploadId, Tenant)>> {
         let select = "SELECT id, tenant FROM uploads WHERE expires_at <= ?1
                       ORDER BY expires_at LIMIT ?2";
-        let rows = sqlx::query(select).bind(self.now()).bind(limit);
-        let rows = rows.fetch_all(self.readers()).await?;
-        let named = |row: &SqliteRow| {
-            let columns = Columns::new("uploads", row);
-            Ok((columns.parsed("id")?, columns.parsed("tenant")?))
-        };
-        rows.iter().map(named).collect()
+        self.due("uploads", select, limit).await
     }
 
     /// Names of the uploads of all tenants that have files: one with another name is an orphan.
