@@ -65,18 +65,29 @@ fn booted_seconds() -> Option<f64> {
 
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
+    use std::io::Read;
+    use std::process::{Command, Stdio};
     use std::time::{SystemTime, UNIX_EPOCH};
 
     use super::*;
 
+    /// Another process holds a block of known size: what this one holds changes with its other tests.
     #[test]
     fn memory_that_is_written_is_resident() {
-        let before = resident_bytes(std::process::id()).unwrap();
-        let block = vec![1_u8; 64 << 20];
-        let after = resident_bytes(std::process::id()).unwrap();
-        // Other tests of the process free and take some too.
-        assert!(after > before + (32 << 20), "{before} {after}");
-        assert_eq!(block.len(), 64 << 20);
+        const BLOCK: u64 = 64 << 20;
+        let mut holder = Command::new("dd")
+            .args(["if=/dev/zero", &format!("bs={BLOCK}"), "count=1"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        // The block is full once its first byte is here, and stays while the rest is not read.
+        let mut output = holder.stdout.take().unwrap();
+        output.read_exact(&mut [0]).unwrap();
+        let held = resident_bytes(holder.id()).unwrap();
+        holder.kill().unwrap();
+        holder.wait().unwrap();
+        assert!((BLOCK..2 * BLOCK).contains(&held), "{held}");
         assert_eq!(resident_bytes(u32::MAX), None);
     }
 
