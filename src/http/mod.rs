@@ -142,6 +142,7 @@ fn results() -> Vec<Operation> {
         post("/v1/keys", ADMIN, trust::create_key),
         delete("/v1/keys/{id}", ADMIN, trust::delete_key),
         get("/v1/audit", AUDIT, trust::audit),
+        get("/v1/session", READ, session::show),
         post("/v1/session", READ, session::sign_in),
         delete("/v1/session", OPEN, session::sign_out),
         get("/livez", OPEN, system::livez),

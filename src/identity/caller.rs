@@ -29,6 +29,16 @@ pub enum Actor {
     },
 }
 
+impl Actor {
+    /// Name in the configuration; none for who has none.
+    pub fn name(&self) -> Option<&str> {
+        match self {
+            Self::Anybody | Self::Stranger | Self::Service => None,
+            Self::Key { name, .. } | Self::User { name } => Some(name),
+        }
+    }
+}
+
 /// Who sent a request, and from where. Cheap to clone.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Caller {

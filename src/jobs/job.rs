@@ -205,13 +205,15 @@ pub struct Keep {
     pub once: bool,
 }
 
-/// A change of how long something is kept; `None` leaves it as it is.
+/// A change of how long something is kept, or of when a job has its turn; `None` leaves it as it is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct KeepChange {
     /// For how long.
     pub keep: Option<Keep>,
     /// Whether it must not be erased.
     pub hold: Option<bool>,
+    /// Of a job, while it waits.
+    pub priority: Option<i64>,
 }
 
 /// Which jobs a list shows; `None` asks for no restriction.

@@ -1,5 +1,7 @@
 // Numbers and times for people.
 
+import type { Unit } from './api/types';
+
 const whole = new Intl.NumberFormat('en', { maximumFractionDigits: 0 });
 
 export function count(value: number): string {
@@ -16,6 +18,16 @@ export function number(value: number | null | undefined): string {
   if (value === null || value === undefined) return '–';
   if (value !== 0 && (Math.abs(value) >= 1e6 || Math.abs(value) < 1e-4)) return value.toExponential(2);
   return Number(value.toPrecision(4)).toLocaleString('en', { maximumSignificantDigits: 4 });
+}
+
+const POWERS = ['', '', '²', '³'];
+
+/** A length, an area or a volume in its unit, where that is known. */
+export function measure(value: number | null | undefined, unit: Unit | null | undefined, power: 1 | 2 | 3 = 1): string {
+  if (value === null || value === undefined || !unit || unit === 'unknown') return number(value);
+  // As people of medicine say it.
+  if (unit === 'mm' && power === 3 && value >= 1000) return `${number(value / 1000)} ml`;
+  return `${number(value)} ${unit}${POWERS[power]}`;
 }
 
 export function percent(share: number): string {

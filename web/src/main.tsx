@@ -12,8 +12,9 @@ import { NewPage } from './pages/new';
 import { SignInPage, SignOut } from './pages/signin';
 import { SystemPage } from './pages/system';
 import { unknown } from './api/client';
-import { connect, connection } from './state/live';
+import { connect, connection, onReturn } from './state/live';
 import { href, route, type PageName } from './state/route';
+import { loadSession } from './state/session';
 import { theme, type Theme } from './state/theme';
 
 const PAGES: Record<PageName, () => preact.JSX.Element> = {
@@ -101,6 +102,10 @@ function App() {
 const root = document.getElementById('app');
 if (root) {
   root.replaceChildren();
+  // Who is unknown gets the form to sign in; a service that is away is asked again when it is back.
+  const look = () => void loadSession().catch(() => undefined);
+  look();
+  onReturn(look);
   render(<App />, root);
   connect();
 }

@@ -65,3 +65,6 @@ export const FORMATS: { name: string; text: string }[] = [
   { name: '3mf', text: 'printing, with its unit' },
   { name: 'vtp', text: 'ParaView and VTK, with distances' },
 ];
+
+/** Formats that can have colours. */
+export const COLOURED = ['ply', 'glb'];

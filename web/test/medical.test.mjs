@@ -1,10 +1,11 @@
 // Segmentations of medical images: their parts are chosen, and each becomes a job.
 
 import assert from 'node:assert/strict';
-import { writeFileSync } from 'node:fs';
+import { readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { before, test } from 'node:test';
-import { browse, ended, folder, open, serve, shared, violations } from './support.mjs';
+import { gunzipSync } from 'node:zlib';
+import { browse, EDGE, ended, folder, nifti, open, serve, shared, violations } from './support.mjs';
 
 const t = shared();
 let origin;
@@ -17,9 +18,6 @@ before(async () => {
   browser = await browse(t);
 });
 
-/** Voxels along an edge. */
-const EDGE = 24;
-
 /** Balls of a label each. */
 const BALLS = [
   { label: 1, centre: [7, 7, 12], radius: 5 },
@@ -27,32 +25,11 @@ const BALLS = [
   { label: 9, centre: [18, 5, 8], radius: 4 },
 ];
 
-/** A NIfTI-1 label map of balls, with or without its place in the patient. */
-function nifti(name, balls, placed = true) {
-  const head = Buffer.alloc(352);
-  head.writeInt32LE(348, 0);
-  [3, EDGE, EDGE, EDGE, 1, 1, 1, 1].forEach((size, i) => head.writeInt16LE(size, 40 + 2 * i));
-  head.writeInt16LE(2, 70); // Unsigned bytes,
-  head.writeInt16LE(8, 72); // of eight bits.
-  for (let i = 0; i < 8; i += 1) head.writeFloatLE(1, 76 + 4 * i);
-  head.writeFloatLE(352, 108);
-  head.writeFloatLE(1, 112);
-  head.writeUInt8(2, 123); // Millimetres.
-  head.writeInt16LE(placed ? 1 : 0, 254);
-  for (let row = 0; placed && row < 3; row += 1) head.writeFloatLE(1, 280 + 16 * row + 4 * row);
-  head.write('n+1\0', 344, 'latin1');
-  const voxels = Buffer.alloc(EDGE ** 3);
-  for (let i = 0; i < voxels.length; i += 1) {
-    const at = [i % EDGE, Math.floor(i / EDGE) % EDGE, Math.floor(i / EDGE ** 2)];
-    const ball = balls.find(({ centre, radius }) => Math.hypot(...at.map((x, axis) => x - centre[axis])) < radius);
-    voxels[i] = ball?.label ?? 0;
-  }
-  const path = join(files, name);
-  writeFileSync(path, Buffer.concat([head, voxels]));
-  return { path, voxels: (label) => voxels.filter((value) => value === label).length };
-}
-
 const give = (page, path) => page.locator('input[type=file]').first().setInputFiles(path);
+
+/** The first vertex of an OBJ file. */
+const vertexOf = (content) => content.toString().match(/^v (.*)$/m)[1].split(' ').map(Number);
+const vertex = async (path) => vertexOf(await (await fetch(`${origin}${path}`)).text());
 
 /** The service refuses on purpose, and the browser notes that. */
 const unmeant = (faults) => faults.filter((fault) => !fault.includes('422'));
@@ -65,7 +42,7 @@ async function fast(page) {
 
 test('the labels of a file are chosen from, and each becomes a job', async () => {
   const { page, faults } = await open(browser, origin);
-  const { path, voxels } = nifti('organs.nii', BALLS);
+  const { path, voxels } = nifti(join(files, 'organs.nii'), BALLS);
   await page.goto(`${origin}/#/new`);
   await give(page, path);
   const parts = page.getByRole('group', { name: 'Labels of organs.nii that become surfaces, a job each' });
@@ -100,11 +77,25 @@ test('the labels of a file are chosen from, and each becomes a job', async () =>
   await page.getByRole('heading', { name: 'organs.nii, 3' }).waitFor();
   await page.getByRole('application', { name: /[1-9][\d,]* triangles/ }).waitFor();
   await page.getByText('"source":{"label":3}').waitFor();
-  for (const name of ['DICOM', '3MF', 'VTP']) {
+  const take = async (name) => {
     const coming = page.waitForEvent('download');
     await page.getByRole('link', { name, exact: true }).click();
-    assert.equal(await (await coming).failure(), null);
-  }
+    return readFileSync(await (await coming).path());
+  };
+  for (const [name, begin] of [
+    ['PLY', 'ply'], ['OBJ', '#'], ['GLB', 'glTF'], ['OFF', 'OFF'], ['3MF', 'PK'], ['VTP', '<?xml'], ['PLY in colours', 'ply'], ['GLB in colours', 'glTF'],
+    ['Report, as JSON', '{'], ['Curves, as CSV', 'evaluation'], ['The file as uploaded', '\\\x01'],
+  ]) assert.equal((await take(name)).subarray(0, begin.length).toString('latin1'), begin, name);
+  assert.equal((await take('DICOM')).subarray(128, 132).toString('latin1'), 'DICM');
+  // The mask has the voxels of the file, and those of the label nearly.
+  const mask = gunzipSync(await take('Mask, as NIfTI'));
+  assert.deepEqual([1, 2, 3].map((axis) => mask.readInt16LE(40 + 2 * axis)), [EDGE, EDGE, EDGE]);
+  const inside = mask.subarray(352).filter((value) => value === 1).length;
+  assert.ok(Math.abs(inside / voxels(3) - 1) < 0.15, `${inside} voxels of ${voxels(3)}`);
+  await page.getByLabel('Coordinates').selectOption('RAS, as NIfTI has them');
+  const [lps, ras] = [await vertex(`/v1/jobs/${job.id}/mesh.obj`), vertexOf(await take('OBJ'))];
+  assert.deepEqual(ras, [-lps[0], -lps[1], lps[2]]);
+  assert.equal(await page.getByRole('link', { name: 'DICOM' }).count(), 0);
   assert.deepEqual(await violations(page), []);
   assert.deepEqual(unmeant(faults), []);
   await page.context().close();
@@ -113,7 +104,7 @@ test('the labels of a file are chosen from, and each becomes a job', async () =>
 test('a file that does not say how it lies is taken as it lies when the user says so', async () => {
   const { page, faults } = await open(browser, origin);
   await page.goto(`${origin}/#/new`);
-  await give(page, nifti('nowhere.nii', BALLS.slice(0, 1), false).path);
+  await give(page, nifti(join(files, 'nowhere.nii'), BALLS.slice(0, 1), false).path);
   await page.getByRole('alert').getByText('left and right could be swapped').waitFor();
   assert.deepEqual(await violations(page), []);
   await page.getByRole('button', { name: 'Take it as it lies' }).press('Enter');
@@ -125,6 +116,38 @@ test('a file that does not say how it lies is taken as it lies when the user say
   await page.getByRole('heading', { name: 'nowhere.nii, 1' }).waitFor();
   const id = page.url().split('/').at(-1);
   assert.deepEqual((await (await fetch(`${origin}/v1/jobs/${id}`)).json()).source, { label: 1 });
+  await page.getByText("/v1/jobs?assume_orientation=true'").waitFor();
+  await page.getByRole('button', { name: 'Python' }).click();
+  await page.getByText('assume_orientation=True').waitFor();
   assert.deepEqual(unmeant(faults), []);
+  await page.context().close();
+});
+
+test('the picture says where the sides of a patient are', async () => {
+  const { page, faults } = await open(browser, origin);
+  await page.goto(`${origin}/#/jobs`);
+  await page.getByRole('link', { name: 'organs.nii, 1' }).click();
+  await page.getByRole('application', { name: /[1-9][\d,]* triangles/ }).waitFor();
+  const place = async (side) => {
+    await page.getByRole('button', { name: side }).click();
+    await page.keyboard.press('Escape');
+    await page.locator('.picture').press('Enter');
+    const text = await page.locator('.picks code').textContent();
+    await page.locator('.picture').press('Escape');
+    return text.split(', ').map(Number);
+  };
+  // In LPS x leads to the left, y to the back and z to the head; a view looks at its own side.
+  const [left, right] = [await place('Left L'), await place('Right R')];
+  assert.ok(left[0] > right[0] + 5, `${left} ${right}`);
+  const [front, back] = [await place('Front A'), await place('Back P')];
+  assert.ok(front[1] < back[1] - 5, `${front} ${back}`);
+  const [top, bottom] = [await place('Top S'), await place('Bottom I')];
+  assert.ok(top[2] > bottom[2] + 5, `${top} ${bottom}`);
+  await page.getByRole('combobox', { name: 'Cut' }).selectOption('Across z, axial');
+  await page.locator('.picture').click();
+  await page.keyboard.press('Home');
+  await page.locator('.picture').press('Enter');
+  await page.getByText(/distance .* mm/).waitFor();
+  assert.deepEqual(faults, []);
   await page.context().close();
 });

@@ -2,7 +2,7 @@
 // tell everything that should not have happened.
 
 import { execFileSync, spawn } from 'node:child_process';
-import { existsSync, mkdtempSync, readFileSync, rmSync } from 'node:fs';
+import { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { tmpdir } from 'node:os';
 import { dirname, join } from 'node:path';
@@ -62,6 +62,33 @@ export function sample(at, shape, points, name = `${shape}.ply`) {
   const path = join(at, name);
   execFileSync(program, ['sample', shape, '--points', String(points), '--seed', '1', '--output', path], { stdio: 'ignore' });
   return path;
+}
+
+/** Voxels along an edge. */
+export const EDGE = 24;
+
+/** A NIfTI-1 label map of balls, with or without its place in the patient. */
+export function nifti(path, balls, placed = true) {
+  const head = Buffer.alloc(352);
+  head.writeInt32LE(348, 0);
+  [3, EDGE, EDGE, EDGE, 1, 1, 1, 1].forEach((size, i) => head.writeInt16LE(size, 40 + 2 * i));
+  head.writeInt16LE(2, 70); // Unsigned bytes,
+  head.writeInt16LE(8, 72); // of eight bits.
+  for (let i = 0; i < 8; i += 1) head.writeFloatLE(1, 76 + 4 * i);
+  head.writeFloatLE(352, 108);
+  head.writeFloatLE(1, 112);
+  head.writeUInt8(2, 123); // Millimetres.
+  head.writeInt16LE(placed ? 1 : 0, 254);
+  for (let row = 0; placed && row < 3; row += 1) head.writeFloatLE(1, 280 + 16 * row + 4 * row);
+  head.write('n+1\0', 344, 'latin1');
+  const voxels = Buffer.alloc(EDGE ** 3);
+  for (let i = 0; i < voxels.length; i += 1) {
+    const at = [i % EDGE, Math.floor(i / EDGE) % EDGE, Math.floor(i / EDGE ** 2)];
+    const ball = balls.find(({ centre, radius }) => Math.hypot(...at.map((x, axis) => x - centre[axis])) < radius);
+    voxels[i] = ball?.label ?? 0;
+  }
+  writeFileSync(path, Buffer.concat([head, voxels]));
+  return { path, voxels: (label) => voxels.filter((value) => value === label).length };
 }
 
 /** Submits a job without the page. */

@@ -85,7 +85,7 @@ test('an upload that is cut in the middle goes on from there', async () => {
     if (request.url().includes('/v1/uploads')) asked.push(`${request.method()} ${request.headers()['upload-offset'] ?? ''}`.trim());
   });
   await page.goto(`${through.origin}/#/new`);
-  await page.getByRole('heading', { name: 'Point clouds' }).waitFor();
+  await page.getByRole('heading', { name: 'Files' }).waitFor();
   // In the second part.
   through.cutAfter = through.brought + 11 * 2 ** 20;
   await page.locator('input[type=file]').first().setInputFiles(path);
@@ -117,7 +117,7 @@ test('an upload that is taken back is erased, and those behind it come in', asyn
   const through = await way(origin);
   const { page } = await open(browser, through.origin);
   await page.goto(`${through.origin}/#/new`);
-  await page.getByRole('heading', { name: 'Point clouds' }).waitFor();
+  await page.getByRole('heading', { name: 'Files' }).waitFor();
   const begun = page.waitForResponse((response) => response.url().endsWith('/v1/uploads') && response.status() === 201);
   through.cutAfter = through.brought + 9 * 2 ** 20;
   const small = join(files, 'small.xyz');

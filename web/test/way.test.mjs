@@ -114,7 +114,7 @@ test('keys alone do all of it', async () => {
     }
     assert.fail(`no ${name} is reached`);
   };
-  await tabTo('Choose point clouds');
+  await tabTo('Choose files');
   const asked = page.waitForEvent('filechooser');
   await page.keyboard.press('Enter');
   await (await asked).setFiles(sample(clouds, 'sphere', 400, 'orb.ply'));
@@ -160,6 +160,11 @@ test('one click compares the schemes of the publication', async () => {
     await page.getByRole('row', { name: new RegExp(`^${scheme} (Good|Doubtful|Poor)`) }).waitFor();
   }
   await page.getByRole('img', { name: /^plain from.*; sqrhw from/ }).waitFor();
+  // As in its figures: the norms of the weights and the gradients, of each scheme beside the others.
+  await page.getByRole('combobox', { name: 'Shown' }).selectOption('Weight norms, by layer');
+  await page.getByRole('img', { name: /^Layer 1 from/ }).nth(4).waitFor();
+  await page.getByRole('combobox', { name: 'Shown' }).selectOption('Gradients, by layer');
+  await page.getByRole('img', { name: /linear/ }).nth(4).waitFor();
   await page.getByRole('link', { name: 'sqrhw' }).click();
   await page.getByText('Components of the gradient').waitFor();
   await page.getByRole('img', { name: /linear/ }).waitFor();

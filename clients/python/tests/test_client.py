@@ -44,6 +44,19 @@ class Served(unittest.TestCase):
         self.addCleanup(client.close)
         return proxy, client
 
+    def test_meshes_come_in_colours_and_jobs_with_a_priority_and_an_end(self):
+        mesh = self.client.reconstruct(sphere(), preset="fast", settings=SMALL, priority=3, ttl="1h")
+        shown = mesh.job.raw
+        self.assertEqual((shown["priority"], shown["ttl"]), (3, "1h"))
+        head = mesh.content("ply", colors="distance").split(b"end_header")[0]
+        self.assertIn(b"property uchar red", head)
+        self.assertNotIn(b"red", mesh.content("ply").split(b"end_header")[0])
+        path = mesh.save(self.path("mesh.glb"), colors="distance")
+        self.assertIn(b"COLOR_0", pathlib.Path(path).read_bytes())
+        with self.assertRaises(MeshwayError) as refused:
+            mesh.content("stl", colors="distance")
+        self.assertEqual(refused.exception.code, "request_invalid")
+
     def test_an_array_becomes_a_mesh_as_file_arrays_and_trimesh(self):
         mesh = self.client.reconstruct(sphere(), preset="fast")
         self.assertIn(mesh.verdict, ("good", "doubtful", "poor"))
@@ -170,6 +183,7 @@ class Served(unittest.TestCase):
             async with AsyncMeshway(proxy.url) as client:
                 mesh = await client.reconstruct(path, preset="fast", settings=SMALL, timeout=300)
                 saved = await mesh.save(self.path("mesh.stl"))
+                self.assertIn(b"COLOR_0", await mesh.content("glb", colors="distance"))
                 vertices, triangles = await mesh.arrays()
                 again = [event.id async for event in client.watch(mesh.job)]
                 jobs = [job.id async for job in client.jobs(cloud_id=mesh.job.cloud_id)]

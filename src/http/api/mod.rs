@@ -25,7 +25,7 @@ pub(in crate::http) use problem::Problem;
 pub(in crate::http) use result::{Blocks, JobItems, Series, Snapshot};
 pub(in crate::http) use system::{Check, Limits, Live, PresetItem, Range, Ready, Version};
 pub(in crate::http) use time::{Time, milliseconds};
-pub(in crate::http) use trust::{AuditRow, Key, NewKey};
+pub(in crate::http) use trust::{AuditRow, Key, NewKey, Session};
 pub(in crate::http) use upload::Upload;
 
 /// A page of a list.

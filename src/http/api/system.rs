@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::Time;
+use crate::config::Ttl;
 use crate::reconstruction::Settings;
 
 /// A preset.
@@ -91,6 +92,12 @@ pub(in crate::http) struct Limits {
     pub(in crate::http) field_bytes: usize,
     /// Points of such a request.
     pub(in crate::http) field_points: usize,
+    /// How long a cloud is kept, where its client asks for no other time.
+    pub(in crate::http) cloud_ttl: Option<Ttl>,
+    /// The same of a job, after its end.
+    pub(in crate::http) job_ttl: Option<Ttl>,
+    /// Days that the audit trail is kept.
+    pub(in crate::http) audit_days: u32,
     /// Space of the disk that is kept free.
     pub(in crate::http) disk_reserve_bytes: u64,
     /// Bounds of the settings, by their pointers.

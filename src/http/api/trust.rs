@@ -50,6 +50,24 @@ pub(in crate::http) struct NewKey<'a> {
     pub(in crate::http) what: Key<'a>,
 }
 
+/// Who a request comes from, as it may know itself.
+#[derive(Debug, Serialize)]
+pub(in crate::http) struct Session<'a> {
+    name: Option<&'a str>,
+    tenant: &'a str,
+    scopes: Vec<&'static str>,
+}
+
+impl<'a> From<&'a identity::Caller> for Session<'a> {
+    fn from(caller: &'a identity::Caller) -> Self {
+        Self {
+            name: caller.actor.name(),
+            tenant: caller.tenant.as_str(),
+            scopes: caller.scopes.iter().map(identity::Scope::name).collect(),
+        }
+    }
+}
+
 /// A row of the audit trail.
 #[derive(Debug, Serialize)]
 pub(in crate::http) struct AuditRow<'a> {

@@ -10,7 +10,7 @@ use serde_json::Value;
 use crate::config::Ttl;
 use crate::http::AppState;
 use crate::http::resources::clouds::files;
-use crate::http::resources::jobs;
+use crate::http::resources::jobs::{self, request};
 use crate::http::wire::error::Result;
 use crate::http::wire::extract::{self, Members};
 use crate::identity::Caller;
@@ -70,7 +70,16 @@ impl Wanted {
     }
 }
 
-/// The change that a PATCH asks for: `hold`, and `ttl` as `parse` reads it.
+/// The change that a PATCH of a job asks for.
+///
+/// # Errors
+/// All faults, and a request that changes nothing.
+pub(in crate::http) fn of_job(mut members: Members, default: Option<Ttl>) -> Result<KeepChange> {
+    let priority = members.take("priority", request::priority);
+    change(members, Wanted::of_job, default, priority)
+}
+
+/// The change that a PATCH asks for: `hold`, `ttl` as `parse` reads it, and what was taken before.
 ///
 /// # Errors
 /// All faults, and a request that changes nothing.
@@ -78,18 +87,20 @@ pub(in crate::http) fn change(
     mut members: Members,
     parse: impl FnOnce(&str) -> std::result::Result<Wanted, String>,
     default: Option<Ttl>,
+    priority: Option<i64>,
 ) -> Result<KeepChange> {
     let hold = members.take("hold", extract::json::<bool>);
     let wanted = members.take("ttl", |value: Value| {
         parse(value.as_str().unwrap_or_default())
     });
-    if hold.is_none() && wanted.is_none() {
+    if hold.is_none() && wanted.is_none() && priority.is_none() {
         members.fault("hold", "or ttl is needed".to_owned());
     }
     members.finish()?;
     Ok(KeepChange {
         keep: wanted.map(|wanted| Wanted::keep(Some(wanted), default)),
         hold,
+        priority,
     })
 }
 

@@ -1,13 +1,15 @@
 //! Browsers that sign in: with a key, which they keep in a cookie, or with a name and a password, for
 //! which they get the cookie of a session.
 
+use axum::Json;
 use axum::extract::{Request, State};
-use axum::http::header::{ORIGIN, SET_COOKIE};
+use axum::http::header::{CACHE_CONTROL, ORIGIN, SET_COOKIE};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{AppendHeaders, IntoResponse, Response};
 
 use crate::config::Config;
 use crate::http::AppState;
+use crate::http::api;
 use crate::http::door::keys::{Credential, KEY_COOKIE, SESSION_COOKIE, credential_in};
 use crate::http::wire::error::{ApiError, Result};
 use crate::http::wire::extract::{NoQuery, header};
@@ -16,6 +18,12 @@ use crate::jobs::{Act, AuditOutcome};
 
 /// Seconds that a browser keeps a cookie: a working day.
 const SIGNED_IN: u32 = 12 * 60 * 60;
+
+/// `GET /v1/session`: who this is, and what it may do. A page offers nothing else.
+pub(in crate::http) async fn show(caller: Caller, _: NoQuery) -> Response {
+    let private = [(CACHE_CONTROL, "no-store")];
+    (private, Json(api::Session::from(&caller))).into_response()
+}
 
 /// `POST /v1/session`: the browser keeps the key of this request, or a session for its name and
 /// password, and sends it from then on.

@@ -94,6 +94,9 @@ pub(in crate::http) async fn limits(State(app): State<AppState>, _: NoQuery) -> 
         event_streams_per_client: config.streams_per_client(),
         field_bytes: field::MAX_BODY_BYTES,
         field_points: field::MAX_POINTS,
+        cloud_ttl: config.cloud_ttl,
+        job_ttl: config.job_ttl,
+        audit_days: config.audit_keep_days,
         disk_reserve_bytes: app
             .disk
             .space()

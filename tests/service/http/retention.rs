@@ -91,6 +91,11 @@ fn own(cloud: &Value) -> &str {
 async fn clouds_and_jobs_go_when_their_time_is_over_and_leave_nothing() {
     let timed = Timed::with(&["--cloud-ttl=2d", "--job-ttl=3d"]).await;
     let service = &timed.service;
+    let limits = timed.show("/v1/limits").await;
+    assert_eq!(
+        (&limits["cloud_ttl"], &limits["job_ttl"]),
+        (&json!("2d"), &json!("3d"))
+    );
     let label = json!({"labels": {"patient": "a-name-of-somebody"}});
     let job = timed.ended(0.5, label).await;
     let shown = timed.show(&job).await;

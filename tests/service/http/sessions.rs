@@ -3,6 +3,7 @@
 use axum::body::Body;
 use axum::http::Request;
 use meshway::identity::Scope;
+use serde_json::{Value, json};
 
 use crate::http::contract::expect_contract;
 use crate::http::support::Service;
@@ -35,6 +36,13 @@ async fn a_browser_that_signed_in_asks_with_its_cookie_until_it_signs_out() {
     let get = |path: &str| Request::get(path).header("cookie", pair);
     let jobs = get("/v1/jobs").body(Body::empty()).unwrap();
     service.send(jobs).await.expect(200);
+    let own = get("/v1/session").body(Body::empty()).unwrap();
+    let own = service.send(own).await.expect(200);
+    expect_contract(&own, "get", "/v1/session");
+    assert_eq!(
+        own.json(),
+        json!({"name": "radiology", "tenant": "default", "scopes": ["read"]})
+    );
     // The cookie opens what the key opens, and no more.
     let keys = get("/v1/keys").body(Body::empty()).unwrap();
     service.send(keys).await.expect_problem(403, "forbidden");
@@ -65,6 +73,18 @@ async fn a_page_that_came_over_tls_gets_a_cookie_that_stays_on_it() {
             .expect(204)
             .header("set-cookie")
             .ends_with("; Secure")
+    );
+}
+
+#[tokio::test]
+async fn without_keys_anybody_may_do_everything() {
+    let answer = Service::new().await.get("/v1/session").await.expect(200);
+    expect_contract(&answer, "get", "/v1/session");
+    let own = answer.json();
+    assert_eq!(own["name"], Value::Null);
+    assert_eq!(
+        own["scopes"],
+        json!(["read", "write", "delete", "audit", "admin"])
     );
 }
 

@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 
-use crate::http::contract::expect_named;
-use crate::http::support::Service;
+use crate::http::contract::{expect_contract, expect_named};
+use crate::http::support::{Service, json_request};
 
 #[tokio::test]
 async fn a_job_of_a_higher_priority_goes_first_and_tells_when_it_will_be_done() {
@@ -33,6 +33,24 @@ async fn a_job_of_a_higher_priority_goes_first_and_tells_when_it_will_be_done() 
     assert!(eta(&urgent) > 0.0 && eta(&plain) >= 2.0 * eta(&urgent) - 0.2);
     let listed = service.get("/v1/jobs").await.expect(200).json();
     assert_eq!(listed["items"], json!([urgent, plain]));
+
+    let patch = async |job: &Value, body: Value| {
+        let mut request = json_request(job["links"]["self"].as_str().unwrap(), &body);
+        *request.method_mut() = axum::http::Method::PATCH;
+        service.send(request).await
+    };
+    let first = patch(&urgent, json!({"priority": -1})).await;
+    expect_contract(&first, "patch", "/v1/jobs/{id}");
+    let first = first.expect(200).json();
+    assert_eq!(
+        (&first["priority"], &first["queue_position"]),
+        (&json!(-1), &json!(2))
+    );
+    let problem = patch(&urgent, json!({"priority": 10})).await;
+    let problem = problem.expect_problem(422, "request_invalid");
+    assert_eq!(problem["errors"][0]["pointer"], "/priority");
+    let back = patch(&urgent, json!({"priority": 9})).await.expect(200);
+    assert_eq!(back.json()["queue_position"], 1);
 
     let claim = service.claim().await;
     assert_eq!(claim.job.id.as_str(), urgent["id"]);

@@ -247,6 +247,7 @@ async fn what_older_databases_hold_is_kept_until_somebody_erases_it() {
             once: false,
         }),
         hold: Some(true),
+        ..KeepChange::default()
     };
     let held = store.by(us()).keep_job(&job, change).await.unwrap();
     assert!(

@@ -56,17 +56,26 @@ export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
   return (await answer(path, { signal: signal ?? null })).json() as Promise<T>;
 }
 
-export async function post<T>(path: string, body?: unknown, signal?: AbortSignal): Promise<T> {
-  const init: RequestInit = { method: 'POST', signal: signal ?? null };
+/** A request with a body of JSON, if with any. */
+function sending(method: string, body: unknown, signal?: AbortSignal): RequestInit {
+  const init: RequestInit = { method, signal: signal ?? null };
   if (body !== undefined) {
     init.headers = { 'content-type': 'application/json' };
     init.body = JSON.stringify(body);
   }
-  return (await answer(path, init)).json() as Promise<T>;
+  return init;
 }
 
-export async function erase(path: string): Promise<void> {
-  await answer(path, { method: 'DELETE' });
+export async function post<T>(path: string, body?: unknown, signal?: AbortSignal): Promise<T> {
+  return (await answer(path, sending('POST', body, signal))).json() as Promise<T>;
+}
+
+export async function patch<T>(path: string, body: unknown): Promise<T> {
+  return (await answer(path, sending('PATCH', body))).json() as Promise<T>;
+}
+
+export function erase(path: string): Promise<Response> {
+  return answer(path, { method: 'DELETE' });
 }
 
 /** A request with a body whose way is told of. */

@@ -195,8 +195,8 @@ export interface paths {
         options?: never;
         head?: never;
         /**
-         * Change how long a job is kept, or hold it.
-         * @description What is held is not erased, neither by a request (409, `held`) nor because its time is over. A new `ttl` counts from the end of the job, or from now where it has ended.
+         * Change how long a job is kept, hold it, or change its priority.
+         * @description What is held is not erased, neither by a request (409, `held`) nor because its time is over. A new `ttl` counts from the end of the job, or from now where it has ended. A `priority` counts while the job waits.
          */
         patch: operations["keepJob"];
         trace?: never;
@@ -643,7 +643,11 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        get?: never;
+        /**
+         * Who this is, and what it may do.
+         * @description As the key or the session of the request says, so that a page can offer what is allowed and nothing else.
+         */
+        get: operations["showSession"];
         put?: never;
         /**
          * Have a browser keep the key of this request, or sign in with a name and a password.
@@ -888,6 +892,17 @@ export interface components {
              */
             last_used_at: string | null;
         };
+        Session: {
+            /**
+             * @description Name of the key or the user; null where the service has no keys.
+             * @example anna
+             */
+            name: string | null;
+            /** @example default */
+            tenant: string;
+            /** @description All, where the service has no keys. */
+            scopes: ("read" | "write" | "delete" | "audit" | "admin")[];
+        };
         KeyRequest: {
             /** @description As the audit trail shall have it. */
             name: string;
@@ -957,6 +972,7 @@ export interface components {
             /** @description Whether it must not be erased. */
             hold?: boolean;
             ttl?: components["schemas"]["JobTtl"];
+            priority?: components["schemas"]["Priority"];
         };
         Erased: {
             /** @description Jobs that were erased. */
@@ -1975,6 +1991,12 @@ export interface components {
             field_bytes: number;
             /** @description Of a request for values of the field. */
             field_points: number;
+            /** @description How long a cloud is kept that asks for no other time; null: for ever. */
+            cloud_ttl?: components["schemas"]["CloudTtl"] | null;
+            /** @description How long a job is kept after its end that asks for no other time; null: for ever. */
+            job_ttl?: components["schemas"]["JobTtl"] | null;
+            /** @description Days that the audit trail is kept, where the service has keys. */
+            audit_days?: number;
             /** @description Kept free; new work is refused below it. */
             disk_reserve_bytes: number;
             /** @description Bounds of every number of the settings by its JSON pointer, both ends included. */
@@ -4299,6 +4321,32 @@ export interface operations {
                 };
             };
             400: components["responses"]["BadRequest"];
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            422: components["responses"]["Invalid"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    showSession: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Who it is. */
+            200: {
+                headers: {
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Session"];
+                };
+            };
             401: components["responses"]["Unauthenticated"];
             403: components["responses"]["Forbidden"];
             422: components["responses"]["Invalid"];

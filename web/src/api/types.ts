@@ -27,6 +27,16 @@ export type Ready = Schemas['Ready'];
 export type Version = Schemas['Version'];
 export type JobPage = Schemas['JobPage'];
 export type NewJob = Schemas['NewJob'];
+export type JobKeep = Schemas['JobKeep'];
+export type Erased = Schemas['Erased'];
+export type Session = Schemas['Session'];
+export type Key = Schemas['Key'];
+export type KeyRequest = Schemas['KeyRequest'];
+export type AuditRow = Schemas['AuditRow'];
+export type AuditPage = Schemas['AuditPage'];
+/** What a cloud says of its coordinates. */
+export type Frame = Schemas['Frame'];
+export type Unit = Schemas['Unit'];
 
 /** What a list shows of a job: ten thousand of them stay in memory. */
 export type Row = Omit<Job, 'settings' | 'links'>;

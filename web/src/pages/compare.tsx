@@ -3,7 +3,7 @@
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import { get, words } from '../api/client';
 import type { Job, JobPage as Page, Report } from '../api/types';
-import { count, duration, number } from '../format';
+import { count, duration, measure, number } from '../format';
 import { Badge, Panel, short, title, Trouble } from '../parts/basic';
 import { Chart, type Curve } from '../parts/chart';
 import { Series } from '../parts/series';
@@ -55,6 +55,12 @@ interface Side {
   points: Points | null;
 }
 
+interface Both {
+  sides: [Side, Side];
+  /** Distance that nearly all of each mesh has to the other one at most; null where it was not measured. */
+  apart: number | null;
+}
+
 async function load(id: string): Promise<Side> {
   const [job, report, mesh] = await Promise.all([
     get<Job>(`/v1/jobs/${id}`), get<Report>(`/v1/jobs/${id}/report`), fetchMesh(`/v1/jobs/${id}/mesh.ply`),
@@ -68,27 +74,34 @@ function scaleOf(sides: [Side, Side]): number | null {
   return Math.max(...sides.map(({ report }) => report.surface?.support_distance ?? 0)) || null;
 }
 
-/** With the distance of each mesh to the other. */
-function measured(sides: [Side, Side]): [Side, Side] {
+/** The share of a mesh that may be further from the other one than the last colour says. */
+const OUTLIERS = 0.01;
+
+/** Finds how far each mesh is from the other. */
+function measured(sides: [Side, Side]): Both {
   const [a, b] = [sides[0].mesh, sides[1].mesh];
   const most = 3 * (scaleOf(sides) ?? 0);
-  if (most > 0 && Math.max(a.index.length, b.index.length) / 3 <= MANY_TRIANGLES) {
-    [a.toOther, b.toOther] = [distances(a, b, most), distances(b, a, most)];
-  }
-  return sides;
+  if (most <= 0 || Math.max(a.index.length, b.index.length) / 3 > MANY_TRIANGLES) return { sides, apart: null };
+  const [ofA, ofB] = [distances(a, b, most), distances(b, a, most)];
+  [a.toOther, b.toOther] = [ofA, ofB];
+  const usual = [ofA, ofB].map((of) => of.slice().sort()[Math.floor(of.length * (1 - OUTLIERS))] ?? 0);
+  // The same mesh twice has no distance.
+  return { sides, apart: Math.max(...usual) || most / 300 };
 }
 
 function Pair({ ids }: { ids: [string, string] }) {
-  const [sides, setSides] = useState<[Side, Side] | null>(null);
+  const [both, setBoth] = useState<Both | null>(null);
   const [trouble, setTrouble] = useState('');
   useEffect(() => {
-    Promise.all([load(ids[0]), load(ids[1])]).then((both) => setSides(measured(both)), (error: unknown) => setTrouble(words(error)));
+    Promise.all([load(ids[0]), load(ids[1])]).then((loaded) => setBoth(measured(loaded)), (error: unknown) => setTrouble(words(error)));
   }, []);
   if (trouble) return <Trouble>{trouble}</Trouble>;
-  if (!sides) return <p role="status">Loading…</p>;
+  if (!both) return <p role="status">Loading…</p>;
+  const { sides } = both;
   return (
     <>
-      <Pictures sides={sides} />
+      <Pictures {...both} />
+      {both.apart === null && <p class="muted">How far the meshes are from each other is measured up to {count(MANY_TRIANGLES)} triangles.</p>}
       <div class="halves">
         <Numbers sides={sides} />
         <SettingsPanel sides={sides} />
@@ -99,7 +112,7 @@ function Pair({ ids }: { ids: [string, string] }) {
 }
 
 /** Both pictures, turned together. */
-function Pictures({ sides }: { sides: [Side, Side] }) {
+function Pictures({ sides, apart }: Both) {
   const scenes = useRef<[Scene | null, Scene | null]>([null, null]);
   const leads = useRef(false);
   const origin: Triple = sides[0].mesh.origin;
@@ -119,7 +132,8 @@ function Pictures({ sides }: { sides: [Side, Side] }) {
     <div class="halves">
       {sides.map(({ job, mesh, points }, i) => (
         <Panel title={`${i === 0 ? 'First' : 'Second'}: ${title(job)}`} aside={job.verdict && <Badge of={job.verdict} />}>
-          <View name={`${i === 0 ? 'First' : 'Second'}, ${title(job)}`} mesh={mesh} points={points} scale={scale} origin={origin}
+          <View name={`${i === 0 ? 'First' : 'Second'}, ${title(job)}`} mesh={mesh} points={points} scale={scale} apart={apart} origin={origin}
+            frame={job.frame} unit={job.unit}
             onScene={link(i as 0 | 1)} compact />
         </Panel>
       ))}
@@ -135,10 +149,10 @@ function Numbers({ sides }: { sides: [Side, Side] }) {
     ['Triangles', ({ report }) => count(report.mesh?.triangles ?? 0)],
     ['Closed', ({ report }) => (report.mesh?.closed ? 'yes' : 'no')],
     ['Pieces', ({ report }) => count(report.mesh?.components ?? 0)],
-    ['Volume', ({ report }) => number(report.mesh?.volume)],
-    ['Area', ({ report }) => number(report.mesh?.area)],
-    ['Points to mesh, mean', ({ report }) => number(report.distances?.cloud_to_mesh?.mean)],
-    ['Points to mesh, 95 of 100', ({ report }) => number(report.distances?.cloud_to_mesh?.p95)],
+    ['Volume', ({ job, report }) => measure(report.mesh?.volume, job.unit, 3)],
+    ['Area', ({ job, report }) => measure(report.mesh?.area, job.unit, 2)],
+    ['Points to mesh, mean', ({ job, report }) => measure(report.distances?.cloud_to_mesh?.mean, job.unit)],
+    ['Points to mesh, 95 of 100', ({ job, report }) => measure(report.distances?.cloud_to_mesh?.p95, job.unit)],
     ['Filled in, % of area', ({ report }) => number(report.surface?.unsupported_area_percent)],
     ['Loss', ({ report }) => number(report.training?.loss)],
     ['Time', ({ report }) => duration(report.seconds?.total ?? 0)],

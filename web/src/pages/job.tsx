@@ -2,18 +2,23 @@
 
 import { useEffect, useState } from 'preact/hooks';
 import { get, sentence, words } from '../api/client';
-import type { Job, Report, Snapshot } from '../api/types';
+import type { Cloud, Job, Report, Snapshot } from '../api/types';
 import { between, duration, many, percent, remaining } from '../format';
 import { Badge, Panel, Progress, Time, title, Trouble } from '../parts/basic';
 import { CurvesPanel } from '../parts/curves';
-import { Downloads, Snippets } from '../parts/take';
+import { KeepPanel } from '../parts/keeping';
+import { Snippets } from '../parts/snippets';
+import { Downloads } from '../parts/take';
 import { differences } from '../parts/settings';
 import { ReportPanel } from '../parts/report';
 import { Priority, standing } from '../parts/waits';
 import { cancel, remove, retry } from '../state/actions';
-import { useJob } from '../state/job';
+import { useCloud } from '../state/cloud';
+import { useJob, type Watched } from '../state/job';
 import { active } from '../state/jobs';
+import { loadLimits } from '../state/limits';
 import { loadPresets, preset } from '../state/presets';
+import { may } from '../state/session';
 import { go, href, route } from '../state/route';
 import { say } from '../parts/say';
 import { fetchMesh, fetchPoints, type Mesh, type Points } from '../viewer/ply';
@@ -25,15 +30,19 @@ const MANY_TRIANGLES = 2_000_000;
 
 export function JobPage() {
   const { id } = route.value;
-  const { job, failure, warnings, snapshots } = useJob(id);
+  const { job, failure, warnings, snapshots, renew } = useJob(id);
   if (failure) return <><h1 tabIndex={-1}>Job</h1><Trouble>{failure.message}</Trouble><a href={href('jobs')}>To the jobs</a></>;
   if (!job) return <h1 tabIndex={-1}>Job</h1>;
-  return <Found job={job} warnings={job.warnings ?? warnings} snapshots={snapshots} />;
+  return <Found job={job} warnings={job.warnings ?? warnings} snapshots={snapshots} renew={renew} />;
 }
 
-function Found({ job, warnings, snapshots }: { job: Job; warnings: { code: string; message: string }[]; snapshots: number }) {
+function Found({ job, warnings, snapshots, renew }: Pick<Watched, 'warnings' | 'snapshots'> & { job: Job; renew: (job: Job) => void }) {
   const report = useReport(job);
-  useEffect(() => void loadPresets(), []);
+  const cloud = useCloud(job);
+  useEffect(() => {
+    void loadPresets();
+    void loadLimits();
+  }, []);
   return (
     <>
       <div class="page-head">
@@ -57,8 +66,9 @@ function Found({ job, warnings, snapshots }: { job: Job; warnings: { code: strin
       {job.status === 'cancelled' && <p>The job was cancelled; there is no mesh.</p>}
       <div class="two">
         <div>
-          <Picture job={job} snapshots={snapshots} scale={report?.surface?.support_distance ?? null} />
+          <Picture job={job} cloud={cloud} snapshots={snapshots} scale={report?.surface?.support_distance ?? null} />
           <CurvesPanel job={job} />
+          <Snippets job={job} cloud={cloud} />
         </div>
         <div class="side">
           {job.status === 'succeeded' && <ReportPanel job={job} report={report} />}
@@ -69,7 +79,7 @@ function Found({ job, warnings, snapshots }: { job: Job; warnings: { code: strin
             </Panel>
           )}
           <Differences job={job} />
-          <Snippets job={job} />
+          {may('delete') && <KeepPanel job={job} onChange={renew} />}
         </div>
       </div>
     </>
@@ -92,15 +102,15 @@ function Actions({ job }: { job: Job }) {
   );
   return (
     <div class="buttons end">
-      {active(job.status)
+      {may('write') && (active(job.status)
         ? <button type="button" disabled={job.cancel_requested} onClick={() => void cancel([job.id])}>
           {job.cancel_requested ? 'Stopping…' : 'Cancel'}</button>
-        : <button type="button" onClick={again}>Retry</button>}
-      <a class="button" href={href('new', { cloud_id: job.cloud_id, name: job.labels['file'] })}>New from this cloud</a>
+        : job.links['cloud'] && <button type="button" onClick={again}>Retry</button>)}
+      {may('write') && job.links['cloud'] && <a class="button" href={href('new', { cloud_id: job.cloud_id, name: job.labels['file'] })}>New from this cloud</a>}
       {job.status === 'succeeded' && <a class="button" href={href('compare', { a: job.id })}>Compare</a>}
-      <button type="button" class="danger" onClick={() => void remove([job.id]).then((gone) => {
+      {may('delete') && <button type="button" class="danger" onClick={() => void remove([job.id]).then((gone) => {
         if (gone) go(href('jobs'));
-      })}>Delete</button>
+      })}>Delete</button>}
     </div>
   );
 }
@@ -133,7 +143,7 @@ function Steps({ job }: { job: Job }) {
   );
 }
 
-function Picture({ job, snapshots, scale }: { job: Job; snapshots: number; scale: number | null }) {
+function Picture({ job, cloud, snapshots, scale }: { job: Job; cloud: Cloud | null; snapshots: number; scale: number | null }) {
   const [points, setPoints] = useState<Points | null>(null);
   const [mesh, setMesh] = useState<Mesh | null>(null);
   const [trouble, setTrouble] = useState('');
@@ -148,10 +158,17 @@ function Picture({ job, snapshots, scale }: { job: Job; snapshots: number; scale
     ? `/v1/jobs/${job.id}/snapshots/${shown}.ply`
     : job.status === 'succeeded' && !large ? `/v1/jobs/${job.id}/mesh.ply` : null;
   useEffect(() => {
-    fetchPoints(job.cloud_id).then(setPoints, (error: unknown) => setTrouble(words(error)));
+    // An erased cloud has no points; its mesh can be looked at all the same.
+    if (job.links['cloud']) fetchPoints(job.cloud_id).then(setPoints, (error: unknown) => setTrouble(words(error)));
   }, [job.cloud_id]);
   useEffect(() => {
-    if (address) fetchMesh(address).then(setMesh, (error: unknown) => setTrouble(words(error)));
+    let gone = false;
+    if (address) fetchMesh(address).then(
+      // An older step that comes late does not replace a newer one.
+      (found) => { if (!gone) setMesh(found); },
+      (error: unknown) => setTrouble(words(error)),
+    );
+    return () => { gone = true; };
   }, [address]);
   return (
     <Panel title="Mesh and points" aside={looks.length > 0 && (
@@ -167,7 +184,7 @@ function Picture({ job, snapshots, scale }: { job: Job; snapshots: number; scale
           <button type="button" onClick={() => setAsked(true)}>Show them</button></p>
       )}
       {trouble && <Trouble>{trouble}</Trouble>}
-      <View name={title(job)} mesh={mesh} points={points} scale={scale} />
+      <View name={title(job)} mesh={mesh} points={points} scale={scale} frame={job.frame ?? cloud?.frame} unit={job.unit ?? cloud?.unit} />
     </Panel>
   );
 }

@@ -7,9 +7,10 @@ import { duration, many, number, between, percent, remaining } from '../format';
 import { Badge, Kept, Progress, short, Time, title, Trouble } from '../parts/basic';
 import { ChooseFiles } from '../parts/drop';
 import { Priority, standing } from '../parts/waits';
-import { cancel, remove } from '../state/actions';
+import { cancel, cancelLabelled, hold, remove, removeLabelled } from '../state/actions';
 import { active, complete, loading, more, rows, show, trouble, type Filters } from '../state/jobs';
 import { href, replace, route } from '../state/route';
+import { may } from '../state/session';
 import { PHASE, STATUS, VERDICT } from '../words';
 
 /** Height of a row, which the style sheet has too. */
@@ -47,9 +48,10 @@ export function JobsPage() {
     <>
       <div class="page-head">
         <h1 tabIndex={-1}>Jobs</h1>
-        <ChooseFiles label="Choose point clouds…" primary />
+        {may('write') && <ChooseFiles label="Choose files…" primary />}
       </div>
       <FilterBar filters={filters} />
+      {filters.label && Object.values(filters).filter(Boolean).length === 1 && rows.value.length > 0 && <Labelled label={filters.label} />}
       {trouble.value && <Trouble>{trouble.value}</Trouble>}
       {chosenRows.value.length > 0 && <Bulk />}
       {rows.value.length > 0 ? <Table /> : <Nothing filtered={filtered} />}
@@ -99,18 +101,33 @@ function FilterBar({ filters }: { filters: Filters }) {
   );
 }
 
+/** What can be done to all jobs with a label, however many there are. */
+function Labelled({ label }: { label: string }) {
+  if (!may('write') && !may('delete')) return null;
+  return (
+    <div class="buttons labelled" role="group" aria-label={`All jobs with ${label}`}>
+      <span>All jobs with <strong>{label}</strong></span>
+      {may('write') && <button type="button" class="small" onClick={() => void cancelLabelled(label)}>Cancel all</button>}
+      {may('delete') && <button type="button" class="small danger" onClick={() => void removeLabelled(label)}>Delete all</button>}
+    </div>
+  );
+}
+
 function Bulk() {
   const all = chosenRows.value;
   const alive = all.filter((row) => active(row.status)).map((row) => row.id);
   const ids = all.map((row) => row.id);
+  const [held, free] = [true, false].map((is) => all.filter((row) => Boolean(row.hold) === is).map((row) => row.id)) as [string[], string[]];
   const done = (changed: boolean) => {
     if (changed) chosen.value = new Set();
   };
   return (
     <div class="bulk" role="group" aria-label="Chosen jobs">
       <span role="status">{many(all.length, 'job')} chosen</span>
-      {alive.length > 0 && <button type="button" onClick={() => void cancel(alive).then(done)}>Cancel</button>}
-      <button type="button" class="danger" onClick={() => void remove(ids).then(done)}>Delete</button>
+      {may('write') && alive.length > 0 && <button type="button" onClick={() => void cancel(alive).then(done)}>Cancel</button>}
+      {may('delete') && free.length > 0 && <button type="button" onClick={() => void hold(free, true).then(done)}>Hold</button>}
+      {may('delete') && held.length > 0 && <button type="button" onClick={() => void hold(held, false).then(done)}>Let go</button>}
+      {may('delete') && <button type="button" class="danger" onClick={() => void remove(ids).then(done)}>Delete</button>}
       {all.length === 2 && <a class="button" href={href('compare', { a: ids[1], b: ids[0] })}>Compare</a>}
       <button type="button" class="plain" onClick={() => done(true)}>Choose none</button>
     </div>
@@ -125,7 +142,7 @@ function Nothing({ filtered }: { filtered: boolean }) {
     <div class="empty first-time">
       <p class="big">Drop a point cloud anywhere on this page.</p>
       <p>PLY, XYZ, CSV, PTS, PCD, NPY, OBJ, OFF, STL or VTK; or a segmentation: NIfTI, NRRD, MHA, DICOM SEG or RT-STRUCT. You get a closed mesh back, and how far it can be relied on.</p>
-      <ChooseFiles label="Choose point clouds…" />
+      <ChooseFiles label="Choose files…" />
     </div>
   );
 }

@@ -6,9 +6,11 @@ import type { Cloud, DryRun, Estimate, Job, NewJob, PresetName, Settings } from 
 import { bytes, count, duration, many } from '../format';
 import { Panel, Trouble } from '../parts/basic';
 import { Files } from '../parts/files';
+import { KeptFor, lifetime, Turn } from '../parts/keeping';
 import { say } from '../parts/say';
 import { asSettings, SettingsForm, type Changes } from '../parts/settings';
 import { finish, pieces, ready, reuse, underway, type Draft, type Piece } from '../state/drafts';
+import { limits, loadLimits } from '../state/limits';
 import { loadPresets, preset as presetOf } from '../state/presets';
 import { go, href, route } from '../state/route';
 import { PRESETS } from '../words';
@@ -30,6 +32,9 @@ interface Plan {
   /** Whether there is a job for each scheme, to be compared. */
   schemes: boolean;
   labels: string;
+  /** How long the jobs are kept; empty: as the service has it. */
+  ttl: string;
+  priority: string;
 }
 
 /** Those of the evaluations that the training can reach. */
@@ -53,12 +58,13 @@ function labelsOf(text: string): Record<string, string> {
 }
 
 export function NewPage() {
-  const [plan, setPlan] = useState<Plan>({ preset: 'balanced', changes: {}, watch: false, schemes: false, labels: '' });
+  const [plan, setPlan] = useState<Plan>({ preset: 'balanced', changes: {}, watch: false, schemes: false, labels: '', ttl: '', priority: '0' });
   const [refused, setRefused] = useState<{ failure: Failure; of: string } | null>(null);
   const [sending, setSending] = useState(false);
   const wanted = route.value.query.get('cloud_id');
   useEffect(() => {
     void loadPresets();
+    void loadLimits();
     if (wanted) {
       const name = route.value.query.get('name') ?? `Cloud ${wanted.slice(-8)}`;
       get<Cloud>(`/v1/clouds/${wanted}`).then((cloud) => reuse(cloud, name), (error) => say(words(error)));
@@ -100,13 +106,24 @@ export function NewPage() {
   return (
     <>
       <div class="page-head"><h1 tabIndex={-1}>New job</h1></div>
-      <form class="two" onSubmit={(event) => {
+      <form class="two making" onSubmit={(event) => {
         event.preventDefault();
         if (some && !sending) void start();
       }}>
         <div>
           <Files fault={{ draft: asked?.draft.key, text: faults.get('/source') }} />
           <PresetChoice value={plan.preset} onChange={(name) => change({ preset: name, changes: {} })} />
+        </div>
+        <div class="side">
+          <EstimatePanel estimate={estimate.value} trouble={failure ?? estimate.failure} />
+          <button type="submit" class="primary large" disabled={!some || sending || underway.value || faults.size > 0}>
+            {underway.value ? 'Uploading…' : total > 1 ? `Start ${total} jobs` : 'Start'}
+          </button>
+          {!some && !underway.value && (
+            <p class="muted">{asked ? 'Choose which parts of the file become surfaces.' : 'Choose a file first.'}</p>
+          )}
+        </div>
+        <div class="rest">
           <Panel title="Settings">
             <label class="check">
               <input type="checkbox" checked={plan.schemes} onChange={({ currentTarget }) => change({ schemes: currentTarget.checked })} />
@@ -114,7 +131,7 @@ export function NewPage() {
             </label>
             <label class="check">
               <input type="checkbox" checked={plan.watch} onChange={({ currentTarget }) => change({ watch: currentTarget.checked })} />
-              Show the mesh while it trains (takes a little longer)
+              Show the mesh while it trains (up to twice the time)
             </label>
             <div class="field">
               <label for="labels">Labels, to find the job again</label>
@@ -123,18 +140,15 @@ export function NewPage() {
                 onInput={({ currentTarget }) => change({ labels: currentTarget.value })} />
               {faults.has('/labels') && <p id="labels-fault" class="fault">{faults.get('/labels')}</p>}
             </div>
+            <div class="fields">
+              <div class="field"><label for="ttl">Kept after its end</label>
+                <KeptFor id="ttl" value={plan.ttl} standard={`As usual: ${lifetime(limits.value?.job_ttl).toLowerCase()}`} onChange={(ttl) => change({ ttl })} /></div>
+              <div class="field"><label for="priority">Priority in the queue</label>
+                <Turn id="priority" value={plan.priority} onChange={(priority) => change({ priority })} /></div>
+            </div>
             <SettingsForm preset={presetOf(plan.preset)} changes={plan.changes} faults={faults}
               onChange={(changes) => change({ changes })} />
           </Panel>
-        </div>
-        <div class="side">
-          <EstimatePanel estimate={estimate.value} trouble={failure ?? estimate.failure} />
-          <button type="submit" class="primary large" disabled={!some || sending || underway.value || faults.size > 0}>
-            {underway.value ? 'Uploading…' : total > 1 ? `Start ${total} jobs` : 'Start'}
-          </button>
-          {!some && !underway.value && (
-            <p class="muted">{asked ? 'Choose which parts of the file become surfaces.' : 'Choose a point cloud first.'}</p>
-          )}
         </div>
       </form>
     </>
@@ -168,6 +182,8 @@ const cut = (text: string) => [...text].slice(0, 64).join('');
 function request(plan: Plan, { draft, cloud, part }: Piece): NewJob {
   const labels = { file: cut(draft.name), ...labelsOf(plan.labels) };
   const job: NewJob = { cloud_id: cloud.id, preset: plan.preset, settings: settingsOf(plan), labels };
+  if (plan.ttl) job.ttl = plan.ttl;
+  if (plan.priority !== '0') job.priority = Number(plan.priority);
   if (part) {
     job.labels = { part: cut(part.name || String(part.number)), ...labels };
     // A name can be there twice, a number cannot.

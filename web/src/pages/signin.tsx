@@ -3,9 +3,7 @@
 
 import { useState } from 'preact/hooks';
 import { answer, unknown, words } from '../api/client';
-
-/** Whether this browser was given one; the cookie itself cannot be seen from here. */
-const GIVEN = 'meshway.signed-in';
+import { known, session } from '../state/session';
 
 /** Bytes of the text in UTF-8, in Base64. */
 function base64(text: string): string {
@@ -14,13 +12,11 @@ function base64(text: string): string {
 
 async function signIn(authorization: string): Promise<void> {
   await answer('/v1/session', { method: 'POST', headers: { authorization } });
-  localStorage.setItem(GIVEN, 'yes');
   location.reload();
 }
 
 async function signOut(): Promise<void> {
   await answer('/v1/session', { method: 'DELETE' });
-  localStorage.removeItem(GIVEN);
   location.reload();
 }
 
@@ -84,6 +80,6 @@ function WithKey() {
 }
 
 export function SignOut() {
-  if (unknown.value || localStorage.getItem(GIVEN) === null) return null;
-  return <button type="button" class="plain" onClick={() => void signOut()}>Sign out</button>;
+  if (unknown.value || !known()) return null;
+  return <button type="button" class="plain" title={`Signed in as ${session.value?.name ?? ''}`} onClick={() => void signOut()}>Sign out</button>;
 }

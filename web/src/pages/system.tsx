@@ -5,7 +5,13 @@ import { answer, Failure, get, sentence, words } from '../api/client';
 import type { Limits, Ready, Version } from '../api/types';
 import { bytes, count, duration, many } from '../format';
 import { Panel, Time, Trouble } from '../parts/basic';
+import { AuditPanel } from '../parts/audit';
+import { KeysPanel } from '../parts/keys';
+import { lifetime } from '../parts/keeping';
+import { limits, loadLimits } from '../state/limits';
 import { connection } from '../state/live';
+import { href } from '../state/route';
+import { known, may } from '../state/session';
 
 /** Seconds between two looks. */
 const EVERY = 5;
@@ -16,8 +22,8 @@ const CHECKS: Record<string, string> = {
 
 interface State {
   checks: Ready['checks'];
-  /** By name and labels, as Prometheus writes them. */
-  metrics: Map<string, number>;
+  /** By name and labels, as Prometheus writes them; null for those who may not see them. */
+  metrics: Map<string, number> | null;
 }
 
 /** Also a service that is not ready tells its checks. */
@@ -41,16 +47,16 @@ async function metrics(): Promise<Map<string, number>> {
 }
 
 export function SystemPage() {
+  const admin = may('admin');
   const [version, setVersion] = useState<Version | null>(null);
-  const [limits, setLimits] = useState<Limits | null>(null);
   const [state, setState] = useState<State | null>(null);
   const [trouble, setTrouble] = useState('');
   useEffect(() => {
     let gone = false;
     const fail = (error: unknown) => { if (!gone) setTrouble(words(error)); };
     get<Version>('/v1/version').then(setVersion, fail);
-    get<Limits>('/v1/limits').then(setLimits, fail);
-    const look = () => Promise.all([checks(), metrics()]).then(([found, numbers]) => {
+    void loadLimits().catch(fail);
+    const look = () => Promise.all([checks(), admin ? metrics() : null]).then(([found, numbers]) => {
       if (gone) return;
       setState({ checks: found, metrics: numbers });
       setTrouble('');
@@ -61,7 +67,7 @@ export function SystemPage() {
       gone = true;
       clearInterval(timer);
     };
-  }, [connection.value]);
+  }, [connection.value, admin]);
   return (
     <>
       <div class="page-head"><h1 tabIndex={-1}>System</h1></div>
@@ -69,7 +75,7 @@ export function SystemPage() {
       <div class="halves">
         <div>
           {state && <ChecksPanel checks={state.checks} />}
-          {state && <WorkPanel metrics={state.metrics} />}
+          {state?.metrics && <WorkPanel metrics={state.metrics} />}
         </div>
         <div>
           {version && (
@@ -81,9 +87,12 @@ export function SystemPage() {
               <p><a href="/docs">The API for people</a>, <a href="/openapi.yaml">for machines</a>, <a href="/metrics">metrics for Prometheus</a></p>
             </Panel>
           )}
-          {limits && <LimitsPanel limits={limits} />}
+          {limits.value && <RetentionPanel limits={limits.value} />}
+          {limits.value && <LimitsPanel limits={limits.value} />}
         </div>
       </div>
+      {admin && <KeysPanel />}
+      {may('audit') && known() && <AuditPanel />}
     </>
   );
 }
@@ -114,6 +123,21 @@ function WorkPanel({ metrics: found }: { metrics: Map<string, number> }) {
   return (
     <Panel title="Work">
       <dl class="numbers">{rows.map(([name, text]) => <div><dt>{name}</dt><dd>{text}</dd></div>)}</dl>
+    </Panel>
+  );
+}
+
+/** How long things are kept where nobody asks for another time. */
+function RetentionPanel({ limits: { job_ttl: job, cloud_ttl: cloud, audit_days: days } }: { limits: Limits }) {
+  const rows: [string, string][] = [
+    ['A job, after its end', lifetime(job)],
+    ['A cloud, after its upload', lifetime(cloud)],
+    ...(known() ? [['A row of the audit trail', `${count(days ?? 0)} days`] as [string, string]] : []),
+  ];
+  return (
+    <Panel title="Kept">
+      <dl class="numbers">{rows.map(([name, text]) => <div><dt>{name}</dt><dd>{text}</dd></div>)}</dl>
+      <p class="help">Each job and each cloud may ask for another time; what is held stays. <a href={href('jobs')}>The list of jobs</a> says when each is erased.</p>
     </Panel>
   );
 }

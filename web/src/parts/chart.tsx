@@ -21,7 +21,7 @@ interface Props {
   xLabel: string;
 }
 
-/** Steps of an axis that counts things. */
+/** Steps of an axis that counts. */
 const WHOLE = [1, 10, 100, 1000, 10_000, 100_000].flatMap((power) => [power, 2 * power, 5 * power]);
 
 /** All curves over the places that any of them has. */
@@ -67,7 +67,7 @@ export function Chart({ curves, log, xLabel }: Props) {
         ...size(),
         scales: { x: { time: false }, y: { distr: log ? 3 : 1 } },
         axes: [
-          { ...axis, label: xLabel, labelSize: 22, size: 36, ...(curves.some(({ dots }) => dots) ? { incrs: WHOLE } : {}) },
+          { ...axis, label: xLabel, labelSize: 22, size: 36, ...(data.current[0]?.every(Number.isInteger) ? { incrs: WHOLE } : {}) },
           { ...axis, size: 64, values: (_, splits) => splits.map((value) => (value === null ? '' : number(value))) },
         ],
         series: [

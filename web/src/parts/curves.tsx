@@ -15,15 +15,18 @@ const CHOICES: Record<Choice, string> = { loss: 'Loss', gradient: 'Gradient norm
 
 const COLORS = ['curve-1', 'curve-2', 'curve-3', 'curve-4'];
 
+/** The norms of the weights, a curve each layer. */
+export function ofLayers(curves: Curves): Curve[] {
+  // There are more layers than colours that differ: the dashed ones are those of the second round.
+  return norms(curves).map((curve, i) => ({
+    label: `Layer ${i + 1}`, color: COLORS[i % COLORS.length] ?? 'curve-1', dashed: i >= COLORS.length, ...curve,
+  }));
+}
+
 function drawn(curves: Curves, choice: Choice): Curve[] {
   const x = curves.evaluation;
   if (choice === 'gradient') return [{ label: 'Gradient norm', color: 'curve-1', x, y: curves.gradient_norm }];
-  if (choice === 'weights') {
-    // There are more layers than colours that differ: the dashed ones are those of the second round.
-    return norms(curves).map((curve, i) => ({
-      label: `Layer ${i + 1}`, color: COLORS[i % COLORS.length] ?? 'curve-1', dashed: i >= COLORS.length, ...curve,
-    }));
-  }
+  if (choice === 'weights') return ofLayers(curves);
   const all: Curve[] = [{ label: 'Loss', color: 'curve-1', ...losses(curves, false) }];
   if (curves.validation_loss.some((value) => value !== null)) {
     all.push({ label: 'Validation loss', color: 'curve-2', dashed: true, x, y: curves.validation_loss });
@@ -107,7 +110,7 @@ function histogram({ layer, min, max, counts }: GradientHistogram['layers'][numb
 }
 
 /** Histograms of the gradient at chosen evaluations, where the settings ask for them. */
-function Gradients({ job }: { job: Job }) {
+export function Gradients({ job }: { job: Job }) {
   const [items, setItems] = useState<GradientHistogram[]>([]);
   const [chosen, setChosen] = useState(0);
   const wanted = (job.settings.training?.histogram_evaluations ?? []).length > 0;
@@ -119,7 +122,7 @@ function Gradients({ job }: { job: Job }) {
   if (!shown) return null;
   return (
     <>
-      <label class="inline">Components of the gradient, by layer, at evaluation
+      <label class="inline">Components of the gradient by layer, at evaluation
         <select value={String(chosen)} onChange={({ currentTarget: { value } }) => setChosen(Number(value))}>
           {items.map(({ evaluation }, i) => <option value={String(i)}>{evaluation}</option>)}
         </select>

@@ -52,7 +52,7 @@ export function DropAnywhere() {
       removeEventListener('paste', paste);
     };
   }, []);
-  return over.value ? <div class="drop-veil" aria-hidden="true"><div>Drop point clouds here</div></div> : null;
+  return over.value ? <div class="drop-veil" aria-hidden="true"><div>Drop files here</div></div> : null;
 }
 
 /** The button for those who do not drag. */

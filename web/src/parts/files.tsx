@@ -16,8 +16,8 @@ export interface Fault {
 
 export function Files({ fault }: { fault: Fault }) {
   return (
-    <Panel title="Point clouds">
-      {drafts.value.length === 0 && <p class="muted">Drop files anywhere on this page, or choose them. Points at most 5 million.</p>}
+    <Panel title="Files">
+      {drafts.value.length === 0 && <p class="muted">Drop point clouds or segmentations anywhere on this page, or choose them.</p>}
       <ul class="files">{drafts.value.map((draft) => <FileLine key={draft.key} draft={draft} fault={fault.draft === draft.key ? fault.text : undefined} />)}</ul>
       <ChooseFiles label={drafts.value.length > 0 ? 'Add files…' : 'Choose files…'} />
     </Panel>

@@ -2,12 +2,12 @@
 
 import { sentence } from '../api/client';
 import type { Job, Report } from '../api/types';
-import { duration, many, number } from '../format';
+import { duration, many, measure, number } from '../format';
 import { VERDICT_MEANS } from '../words';
 import { Badge, Panel } from './basic';
 
 /** What the mesh is. */
-function shape({ mesh, surface }: Report): string[] {
+function shape({ mesh, surface }: Report, unit: Job['unit']): string[] {
   if (!mesh) return [];
   const said = [];
   const pieces = mesh.components === 1 ? 'in one piece' : `in ${many(mesh.components ?? 0, 'piece')}`;
@@ -16,7 +16,7 @@ function shape({ mesh, surface }: Report): string[] {
     : `The mesh is open: it ends at ${many(mesh.boundary_edges ?? 0, 'edge')}, ${pieces}.`);
   if (mesh.manifold === false) said.push('It is not manifold everywhere.');
   const filled = surface?.unsupported_area_percent ?? 0;
-  const near = number(surface?.support_distance);
+  const near = measure(surface?.support_distance, unit);
   said.push(filled >= 0.05
     ? `${number(filled)} % of its area is further than ${near} from every point: filled in, not measured.`
     : `All of its area is within ${near} of a point.`);
@@ -26,15 +26,15 @@ function shape({ mesh, surface }: Report): string[] {
 }
 
 /** How it lies to the points. */
-function fit({ distances, validation_distances: held, cloud, normals }: Report): string[] {
+function fit({ distances, validation_distances: held, cloud, normals }: Report, unit: Job['unit']): string[] {
   const said = [];
   if (distances?.cloud_to_mesh) {
     const { mean, p95 } = distances.cloud_to_mesh;
-    said.push(`Points are ${number(mean)} from the mesh on average, 95 of 100 are within ${number(p95)}.`);
+    said.push(`Points are ${measure(mean, unit)} from the mesh on average, 95 of 100 are within ${measure(p95, unit)}.`);
   }
-  if (held?.cloud_to_mesh) said.push(`Those that were held back as a test: ${number(held.cloud_to_mesh.mean)} on average.`);
+  if (held?.cloud_to_mesh) said.push(`Those that were held back as a test: ${measure(held.cloud_to_mesh.mean, unit)} on average.`);
   if (cloud?.spacing) {
-    said.push(`Neighbouring points are ${number(cloud.spacing)} apart${cloud.noise ? `, with a noise of ${number(cloud.noise)}` : ''}.`);
+    said.push(`Neighbouring points are ${measure(cloud.spacing, unit)} apart${cloud.noise ? `, with a noise of ${measure(cloud.noise, unit)}` : ''}.`);
   }
   if (normals) said.push(normals === 'given' ? 'The normals of the file were used.' : 'Normals were estimated from the points.');
   const sure = cloud?.orientation_confidence;
@@ -56,13 +56,13 @@ export function ReportPanel({ job, report }: { job: Job; report: Report | null }
       {mesh && (
         <dl class="numbers">
           <div><dt>Triangles</dt><dd>{mesh.triangles.toLocaleString('en')}</dd></div>
-          <div><dt>Volume</dt><dd>{number(mesh.volume)}</dd></div>
-          <div><dt>Area</dt><dd>{number(report?.mesh?.area)}</dd></div>
+          <div><dt>Volume</dt><dd>{measure(mesh.volume, job.unit, 3)}</dd></div>
+          <div><dt>Area</dt><dd>{measure(report?.mesh?.area, job.unit, 2)}</dd></div>
           <div><dt>Time</dt><dd>{report?.seconds?.total === undefined ? '–' : duration(report.seconds.total)}</dd></div>
         </dl>
       )}
-      {report && <ul class="plain-list">{[...shape(report), ...fit(report)].map((line) => <li>{line}</li>)}</ul>}
-      <p class="help">Lengths are in the unit of the cloud. <a href={`/v1/jobs/${job.id}/report`}>The whole report</a></p>
+      {report && <ul class="plain-list">{[...shape(report, job.unit), ...fit(report, job.unit)].map((line) => <li>{line}</li>)}</ul>}
+      <p class="help">{(!job.unit || job.unit === 'unknown') && 'Lengths are in the unit of the cloud. '}<a href={`/v1/jobs/${job.id}/report`}>The whole report</a></p>
     </Panel>
   );
 }

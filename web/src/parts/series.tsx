@@ -10,6 +10,7 @@ import { onEvent, onReturn } from '../state/live';
 import { href } from '../state/route';
 import { Badge, Panel, title, Trouble } from './basic';
 import { Chart } from './chart';
+import { Gradients, ofLayers } from './curves';
 
 /** Jobs that are shown: more lines would not be told apart. */
 const MOST = 8;
@@ -35,9 +36,15 @@ function useJobs(label: string) {
   return { jobs, trouble };
 }
 
+/** What is drawn of the jobs: the losses over each other, the rest beside each other, as in the publication. */
+type Choice = 'loss' | 'weights' | 'gradients';
+
+const CHOICES: Record<Choice, string> = { loss: 'Loss', weights: 'Weight norms, by layer', gradients: 'Gradients, by layer' };
+
 export function Series({ label }: { label: string }) {
   const { jobs, trouble } = useJobs(label);
   const [curves, setCurves] = useState<Record<string, Curves>>({});
+  const [choice, setChoice] = useState<Choice>('loss');
   const drawn = useMemo(() => jobs.flatMap((job, i) => {
     const found = curves[job.id];
     if (!found) return [];
@@ -45,11 +52,25 @@ export function Series({ label }: { label: string }) {
   }), [jobs, curves]);
   if (trouble) return <Trouble>{trouble}</Trouble>;
   return (
-    <Panel title={`Jobs with ${label}`}>
+    <Panel title={`Jobs with ${label}`} aside={(
+      <label class="inline">Shown
+        <select value={choice} onChange={({ currentTarget: { value } }) => setChoice(value as Choice)}>
+          {Object.entries(CHOICES).map(([value, text]) => <option value={value}>{text}</option>)}
+        </select>
+      </label>
+    )}>
       {jobs.map((job) => (
         <Load key={job.id} job={job} onCurves={(found) => setCurves((old) => ({ ...old, [job.id]: found }))} />
       ))}
-      {drawn.some(({ x }) => x.length > 0) && <Chart curves={drawn} log xLabel="Evaluations" />}
+      {choice === 'loss' && drawn.some(({ x }) => x.length > 0) && <Chart curves={drawn} log xLabel="Evaluations" />}
+      {choice !== 'loss' && (
+        <div class="halves">{jobs.map((job) => (
+          <section key={job.id} aria-label={named(job)}>
+            <h3>{named(job)}</h3>
+            {choice === 'weights' ? <Weights curves={curves[job.id]} /> : <Gradients job={job} />}
+          </section>
+        ))}</div>
+      )}
       <div class="wide-table">
         <table class="small-table">
           <thead>
@@ -60,6 +81,11 @@ export function Series({ label }: { label: string }) {
       </div>
     </Panel>
   );
+}
+
+function Weights({ curves }: { curves: Curves | undefined }) {
+  const drawn = useMemo(() => (curves ? ofLayers(curves) : []), [curves]);
+  return drawn.length > 0 ? <Chart curves={drawn} log={false} xLabel="Evaluations" /> : <p class="muted">There are no curves yet.</p>;
 }
 
 /** A hook for each job of a list whose length changes. */

@@ -15,7 +15,7 @@ export interface Watched {
   snapshots: number;
 }
 
-export function useJob(id: string): Watched {
+export function useJob(id: string): Watched & { renew: (job: Job) => void } {
   const [watched, setWatched] = useState<Watched>({ job: null, failure: null, warnings: [], snapshots: 0 });
   useEffect(() => {
     let gone = false;
@@ -59,5 +59,5 @@ export function useJob(id: string): Watched {
       forget.forEach((stop) => stop());
     };
   }, [id]);
-  return watched;
+  return { ...watched, renew: (job) => setWatched((old) => ({ ...old, job })) };
 }

@@ -31,8 +31,14 @@ function slim(job: Job): Row {
   return row;
 }
 
+/** The parts of `key:value`; only the value may have a colon. */
+export function labelOf(text: string): [key: string, value: string] {
+  const colon = text.indexOf(':');
+  return [text.slice(0, colon), text.slice(colon + 1)];
+}
+
 function matches(row: Row): boolean {
-  const [key, value] = filters.label?.split(':') ?? [];
+  const [key, value] = filters.label ? labelOf(filters.label) : [];
   return (!filters.status || row.status === filters.status)
     && (!filters.verdict || row.verdict === filters.verdict)
     && (!filters.cloud_id || row.cloud_id === filters.cloud_id)
@@ -60,6 +66,16 @@ function put(found: Row[]): void {
     all.sort((a, b) => (a.value.id < b.value.id ? 1 : -1));
   }
   rows.value = all;
+}
+
+/** Shows what a request changed of a job. */
+export function renew(job: Job): void {
+  const row = known.get(job.id);
+  if (!row) return;
+  const moved = row.peek().priority !== job.priority;
+  row.value = slim(job);
+  // Others gave way, or went past it.
+  if (moved) void lookAgain();
 }
 
 export function forget(id: string): void {
@@ -103,7 +119,7 @@ export async function more(): Promise<void> {
 }
 
 /** Looks again at the newest jobs: what happened while there was no stream. */
-async function lookAgain(): Promise<void> {
+export async function lookAgain(): Promise<void> {
   const asked = generation;
   try {
     const page = await get<JobPage>(`/v1/jobs?${query(null)}`);

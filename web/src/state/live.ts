@@ -3,6 +3,7 @@
 
 import { signal } from '@preact/signals';
 import { unknown } from '../api/client';
+import { loadSession } from './session';
 
 export type Connection = 'connecting' | 'live' | 'lost';
 
@@ -45,7 +46,11 @@ export function connect(): void {
   source.onerror = () => {
     connection.value = 'lost';
     // The browser comes back by itself after a broken connection, not after a refusal.
-    if (source.readyState === EventSource.CLOSED) again(source);
+    if (source.readyState === EventSource.CLOSED) {
+      // Where the session has ended, that leads to the form.
+      void loadSession().catch(() => undefined);
+      again(source);
+    }
   };
   // The service stops, or does not know the last id any more.
   for (const name of ['shutdown', 'reset']) {

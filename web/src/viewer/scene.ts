@@ -6,7 +6,9 @@ import {
   Vector2, Vector3, WebGLRenderer, type Intersection, type Object3D,
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
+import type { Frame } from '../api/types';
 import { cividis } from './colormap';
+import { direction as from, Letters } from './letters';
 import type { Mesh, Points } from './ply';
 
 export type Triple = [number, number, number];
@@ -31,14 +33,10 @@ export interface Palette {
   inside: string;
   outside: string;
   pick: string;
+  letters: string;
 }
 
 export type Direction = 'front' | 'back' | 'left' | 'right' | 'top' | 'bottom' | 'corner';
-
-/** From where each view looks; z is up. */
-const DIRECTIONS: Record<Direction, Triple> = {
-  front: [0, -1, 0], back: [0, 1, 0], left: [-1, 0, 0], right: [1, 0, 0], top: [0, -1e-3, 1], bottom: [0, -1e-3, -1], corner: [0.9, -1.2, 0.7],
-};
 
 /** A click that moved further, in pixels, turned the picture. */
 const CLICK = 4;
@@ -75,6 +73,8 @@ export class Scene {
   private readonly dots = new Dots(new BufferGeometry(), new PointsMaterial({ size: 4, sizeAttenuation: false, vertexColors: true, map: this.round, alphaTest: 0.5 }));
   private readonly marks = new Dots(new BufferGeometry(), new PointsMaterial({ size: 12, sizeAttenuation: false, depthTest: false, map: this.round, alphaTest: 0.5 }));
   private readonly tape = new Line(new BufferGeometry(), new LineBasicMaterial({ depthTest: false }));
+  private readonly letters = new Letters();
+  private frame: Frame | null = null;
   private origin: Triple | null;
   private picks: Vector3[] = [];
   private low = new Vector3(-1, -1, -1);
@@ -101,7 +101,7 @@ export class Scene {
     this.tape.renderOrder = 1;
     this.marks.renderOrder = 2;
     this.surface.visible = false;
-    this.world.add(this.camera, new HemisphereLight(0xffffff, 0x667788, 1.1), this.surface, this.dots, this.tape, this.marks);
+    this.world.add(this.camera, new HemisphereLight(0xffffff, 0x667788, 1.1), this.surface, this.dots, this.tape, this.marks, this.letters);
     this.controls = new OrbitControls(this.camera, canvas);
     // The wheel scrolls the page until the picture has the focus.
     this.controls.enableZoom = false;
@@ -159,6 +159,15 @@ export class Scene {
     this.changed();
   }
 
+  /** Says how the coordinates lie in a patient, if they do. */
+  setFrame(frame: Frame | null): void {
+    if (frame === this.frame) return;
+    this.frame = frame;
+    // The first picture was drawn from a side that may be another one now.
+    this.framed = false;
+    this.changed();
+  }
+
   show(look: Look, palette: Palette): void {
     const before = this.look;
     const repaint = palette !== this.palette || before?.color !== look.color || before?.most !== look.most;
@@ -178,7 +187,7 @@ export class Scene {
     this.camera.far = distance * 20;
     this.camera.updateProjectionMatrix();
     this.controls.target.copy(middle);
-    this.camera.position.copy(middle).addScaledVector(new Vector3(...DIRECTIONS[direction]).normalize(), distance);
+    this.camera.position.copy(middle).addScaledVector(new Vector3(...from(this.frame, direction)).normalize(), distance);
     this.controls.update();
     this.draw();
     this.onTurn(this.camera.position, this.controls.target);
@@ -242,6 +251,7 @@ export class Scene {
       object.geometry.dispose();
       object.material.dispose();
     }
+    this.letters.dispose();
     this.round.dispose();
     this.renderer.dispose();
     this.renderer.forceContextLoss();
@@ -301,6 +311,7 @@ export class Scene {
     this.world.background = new Color(palette.background);
     this.marks.material.color.set(palette.pick);
     this.tape.material.color.set(palette.pick);
+    this.letters.show(this.frame, [this.low, this.high], [palette.letters, palette.background]);
   }
 
   private apply(): void {

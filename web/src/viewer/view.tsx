@@ -1,9 +1,10 @@
 // The 3D view: the picture, what can be shown in it, and what was picked. What draws is loaded when
 // the first picture is.
 
-import { useEffect, useId, useRef, useState } from 'preact/hooks';
-import { many, number } from '../format';
+import { useEffect, useId, useMemo, useRef, useState } from 'preact/hooks';
+import { many, measure } from '../format';
 import { words } from '../api/client';
+import type { Frame, Unit } from '../api/types';
 import { say } from '../parts/say';
 import { color, repaint } from '../state/theme';
 import { cividis } from './colormap';
@@ -16,17 +17,28 @@ interface Props {
   points: Points | null;
   /** Distance that is given the last colour at first. */
   scale: number | null;
+  /** The same for distances to another mesh, which are the colours at first where there are any. */
+  apart?: number | null;
+  /** How the coordinates lie in a patient, and what a length of 1 is, where that is known. */
+  frame?: Frame | null | undefined;
+  unit?: Unit | null | undefined;
   /** Told of the picture, for those that turn it together with another. */
   onScene?: (scene: Scene | null) => void;
   origin?: Triple | null;
   compact?: boolean;
 }
 
-const VIEWS: { direction: Direction; text: string }[] = [
-  { direction: 'corner', text: 'All' }, { direction: 'front', text: 'Front' }, { direction: 'back', text: 'Back' },
-  { direction: 'left', text: 'Left' }, { direction: 'right', text: 'Right' }, { direction: 'top', text: 'Top' },
-  { direction: 'bottom', text: 'Bottom' },
+/** The sides, and their letters in the frame of a patient. */
+const VIEWS: { direction: Direction; text: string; letter?: string }[] = [
+  { direction: 'corner', text: 'All' }, { direction: 'front', text: 'Front', letter: 'A' }, { direction: 'back', text: 'Back', letter: 'P' },
+  { direction: 'left', text: 'Left', letter: 'L' }, { direction: 'right', text: 'Right', letter: 'R' }, { direction: 'top', text: 'Top', letter: 'S' },
+  { direction: 'bottom', text: 'Bottom', letter: 'I' },
 ];
+
+/** Planes across each axis, and what they are called in the frame of a patient. */
+const CUTS = { x: 'sagittal', y: 'coronal', z: 'axial' };
+
+const ofPatient = (frame: Frame | null | undefined) => frame === 'lps' || frame === 'ras';
 
 const COLORS = { points: 'Distance to points', other: 'Distance to the other mesh' };
 
@@ -37,16 +49,17 @@ const START: Look = {
 function palette(): Palette {
   return {
     background: color('canvas'), surface: color('mesh'), points: color('points'), inside: color('inside'),
-    outside: color('outside'), pick: color('pick'),
+    outside: color('outside'), pick: color('pick'), letters: color('text'),
   };
 }
 
-export function View({ name, mesh, points, scale, onScene, origin, compact }: Props) {
+export function View({ name, mesh, points, scale, apart, frame, unit, onScene, origin, compact }: Props) {
   const box = useRef<HTMLDivElement>(null);
   const scene = useRef<Scene | null>(null);
   const help = useId();
   const [drawn, setDrawn] = useState(false);
-  const [look, setLook] = useState<Look>(START);
+  const [look, setLook] = useState<Look>(apart ? { ...START, points: false, color: 'other', most: apart } : START);
+  const paints = useMemo(palette, [repaint.value]);
   const [picks, setPicks] = useState<Triple[]>([]);
   const [trouble, setTrouble] = useState('');
   const change = (next: Partial<Look>) => setLook((old) => ({ ...old, ...next }));
@@ -69,10 +82,11 @@ export function View({ name, mesh, points, scale, onScene, origin, compact }: Pr
       onScene?.(null);
     };
   }, []);
+  useEffect(() => { scene.current?.setFrame(frame ?? null); }, [drawn, frame]);
   useEffect(() => { scene.current?.setPoints(points); }, [drawn, points]);
   useEffect(() => { scene.current?.setMesh(mesh); }, [drawn, mesh]);
-  useEffect(() => { if (scale) change({ most: scale }); }, [scale]);
-  useEffect(() => { scene.current?.show(look, palette()); }, [drawn, look, repaint.value]);
+  useEffect(() => { if (scale && !apart) change({ most: scale }); }, [scale]);
+  useEffect(() => { scene.current?.show(look, paints); }, [drawn, look, paints]);
 
   const keys = (event: KeyboardEvent) => {
     const moves: Record<string, () => void> = {
@@ -99,17 +113,17 @@ export function View({ name, mesh, points, scale, onScene, origin, compact }: Pr
           aria-roledescription="3D view" aria-describedby={help} onKeyDown={keys} />
         {!mesh && !points && !trouble && <p class="picture-note" role="status">Loading…</p>}
         {trouble && <p class="picture-note" role="alert">{trouble}</p>}
-        {look.color && mesh && look.mesh && <Legend of={COLORS[look.color]} most={look.most} />}
+        {look.color && mesh && look.mesh && <Legend of={COLORS[look.color]} most={look.most} unit={unit} />}
       </div>
       <p id={help} class="unseen">Arrow keys turn, plus and minus zoom, Home shows all, Enter picks the middle, Escape clears the picks.</p>
-      <Controls look={look} mesh={mesh} points={points} scale={scale} change={change} />
+      <Controls {...{ look, mesh, points, scale, apart, frame, unit, change }} />
       <div class="buttons" role="group" aria-label="Views">
-        {VIEWS.map(({ direction, text }) => (
-          <button type="button" class="small" onClick={() => scene.current?.view(direction)}>{text}</button>
+        {VIEWS.map(({ direction, text, letter }) => (
+          <button type="button" class="small" onClick={() => scene.current?.view(direction)}>{text}{letter && ofPatient(frame) && ` ${letter}`}</button>
         ))}
         <button type="button" class="small" onClick={() => void save(scene.current, name)}>Save picture</button>
       </div>
-      <Picks picks={picks} clear={() => scene.current?.clearPicks()} />
+      <Picks picks={picks} unit={unit} clear={() => scene.current?.clearPicks()} />
     </div>
   );
 }
@@ -130,31 +144,38 @@ interface ControlProps {
   mesh: Mesh | null;
   points: Points | null;
   scale: number | null;
+  apart: number | null | undefined;
+  frame: Frame | null | undefined;
+  unit: Props['unit'];
   change: (look: Partial<Look>) => void;
 }
 
-function Controls({ look, mesh, points, scale, change }: ControlProps) {
+function Controls({ look, mesh, points, scale, apart, frame, unit, change }: ControlProps) {
   const check = (text: string, key: 'mesh' | 'points' | 'wireframe', off: boolean) => (
     <label class="check">
       <input type="checkbox" checked={look[key]} disabled={off} onChange={({ currentTarget }) => change({ [key]: currentTarget.checked })} />
       {text}
     </label>
   );
-  const far = 3 * (scale ?? look.most);
+  const usual = (of: Look['color']) => (of === 'other' ? apart : scale) ?? look.most;
+  const far = 3 * usual(look.color);
   return (
     <div class="controls">
       {check('Mesh', 'mesh', !mesh)}
-      {check('Points', 'points', !points)}
+      {check('Points', 'points', !points?.labels.length)}
       {check('Wireframe', 'wireframe', !mesh)}
       <label>Colour
-        <select value={look.color} disabled={!mesh} onChange={({ currentTarget: { value } }) => change({ color: value as Look['color'] })}>
+        <select value={look.color} disabled={!mesh} onChange={({ currentTarget }) => {
+          const next = currentTarget.value as Look['color'];
+          change({ color: next, most: usual(next) });
+        }}>
           <option value="">Plain</option>
           {mesh?.distances && <option value="points">{COLORS.points}</option>}
           {mesh?.toOther && <option value="other">{COLORS.other}</option>}
         </select>
       </label>
       {look.color && (
-        <label>Up to {number(look.most)}
+        <label>Up to {measure(look.most, unit)}
           <input type="range" min={far / 100} max={far} step={far / 100} value={look.most}
             onInput={({ currentTarget }) => change({ most: Number(currentTarget.value) })} />
         </label>
@@ -162,9 +183,7 @@ function Controls({ look, mesh, points, scale, change }: ControlProps) {
       <label>Cut
         <select value={look.cut} onChange={({ currentTarget: { value } }) => change({ cut: value as Look['cut'] })}>
           <option value="">Nowhere</option>
-          <option value="x">Across x</option>
-          <option value="y">Across y</option>
-          <option value="z">Across z</option>
+          {Object.entries(CUTS).map(([axis, plane]) => <option value={axis}>Across {axis}{ofPatient(frame) && `, ${plane}`}</option>)}
         </select>
       </label>
       {look.cut && (
@@ -177,7 +196,7 @@ function Controls({ look, mesh, points, scale, change }: ControlProps) {
   );
 }
 
-function Legend({ of, most }: { of: string; most: number }) {
+function Legend({ of, most, unit }: { of: string; most: number; unit: Props['unit'] }) {
   const bar = useRef<HTMLCanvasElement>(null);
   useEffect(() => {
     const context = bar.current?.getContext('2d');
@@ -191,19 +210,19 @@ function Legend({ of, most }: { of: string; most: number }) {
     <div class="legend">
       <span>{of}</span>
       <canvas ref={bar} width={128} height={1} aria-hidden="true" />
-      <span class="ends"><span>0</span><span>{number(most)} and more</span></span>
+      <span class="ends"><span>0</span><span>{measure(most, unit)} and more</span></span>
     </div>
   );
 }
 
-function Picks({ picks, clear }: { picks: Triple[]; clear: () => void }) {
+function Picks({ picks, unit, clear }: { picks: Triple[]; unit: Props['unit']; clear: () => void }) {
   const text = (at: Triple) => at.map((value) => Number(value.toPrecision(7)).toString()).join(', ');
   const [first, second] = picks;
   return (
     <p class="picks" role="status">
       {!first && 'Click a place to read its coordinates, and a second one for the distance.'}
       {first && <>Place <code>{text(first)}</code></>}
-      {first && second && <> to <code>{text(second)}</code>, distance <strong>{number(Math.hypot(...first.map((x, i) => x - (second[i] ?? 0))))}</strong></>}
+      {first && second && <> to <code>{text(second)}</code>, distance <strong>{measure(Math.hypot(...first.map((x, i) => x - (second[i] ?? 0))), unit)}</strong></>}
       {first && <> <button type="button" class="small plain" onClick={clear}>Clear</button></>}
     </p>
   );

@@ -54,15 +54,20 @@ class AsyncMeshway:
         settings: Optional[dict[str, Any]] = None,
         labels: Optional[dict[str, str]] = None,
         source: Optional[dict[str, Any]] = None,
+        priority: Optional[int] = None,
+        ttl: Optional[str] = None,
+        assume_orientation: bool = False,
         timeout: Optional[float] = None,
     ) -> AsyncMesh:
         """The mesh of a cloud: a path, bytes, a file, an array (n, 3) or (n, 6), or a cloud that is there.
 
-        ``source`` chooses a part of a medical file, as in ``{"label": 5}``. After ``timeout`` seconds
+        ``source`` chooses a part of a medical file, as in ``{"label": 5}``; ``assume_orientation`` takes one that
+        does not say how it lies in the patient as it lies. ``ttl`` is how long the job is kept. After ``timeout`` seconds
         :class:`TimedOut` is raised, and the job goes on.
         """
-        body = {"preset": preset, "settings": settings, "labels": labels, "source": source}
-        return AsyncMesh(self, await self._run(steps.reconstruct(cloud, body, timeout, self._retries)))
+        body = dict(preset=preset, settings=settings, labels=labels, source=source, priority=priority, ttl=ttl)
+        given = steps.Given(body, assume_orientation)
+        return AsyncMesh(self, await self._run(steps.reconstruct(cloud, given, timeout, self._retries)))
 
     async def upload(
         self, cloud: Points, *, name: Optional[str] = None, assume_orientation: bool = False
@@ -79,10 +84,14 @@ class AsyncMeshway:
         settings: Optional[dict[str, Any]] = None,
         labels: Optional[dict[str, str]] = None,
         source: Optional[dict[str, Any]] = None,
+        priority: Optional[int] = None,
+        ttl: Optional[str] = None,
+        assume_orientation: bool = False,
     ) -> Job:
         """A new job, as :meth:`reconstruct` makes it, without waiting for it."""
-        body = {"preset": preset, "settings": settings, "labels": labels, "source": source}
-        result: Job = await self._run(steps.submit(cloud, body, self._retries))
+        body = dict(preset=preset, settings=settings, labels=labels, source=source, priority=priority, ttl=ttl)
+        given = steps.Given(body, assume_orientation)
+        result: Job = await self._run(steps.submit(cloud, given, self._retries))
         return result
 
     async def job(self, job: Union[Job, str]) -> Job:
@@ -205,15 +214,25 @@ class AsyncMesh:
         """How far it can be relied on: good, doubtful or poor."""
         return self.job.verdict
 
-    async def save(self, path: Union[str, os.PathLike[str]], *, space: Optional[str] = None) -> str:
+    async def save(
+        self,
+        path: Union[str, os.PathLike[str]],
+        *,
+        space: Optional[str] = None,
+        colors: Optional[str] = None,
+    ) -> str:
         """Writes it in the format of the ending: ply, obj, stl, off, glb, 3mf, vtp, dcm, or nii.gz as a label
-        map. ``space`` is lps, ras or source. Gives the path."""
-        todo = steps.save(self.job.id, path, space, self._client._retries)
+        map. ``space`` is lps, ras or source; ``colors="distance"`` colours ply and glb by the distance to the
+        points. Gives the path."""
+        todo = steps.save(self.job.id, path, steps.drawn(space, colors), self._client._retries)
         return str(await self._client._run(todo))
 
-    async def content(self, format: str = "ply", *, space: Optional[str] = None) -> bytes:
+    async def content(
+        self, format: str = "ply", *, space: Optional[str] = None, colors: Optional[str] = None
+    ) -> bytes:
         """The bytes of the file in a format."""
-        todo = steps.content(self.job.id, f"mesh.{format}", space, self._client._retries)
+        query = steps.drawn(space, colors)
+        todo = steps.content(self.job.id, f"mesh.{format}", query, self._client._retries)
         return bytes(await self._client._run(todo))
 
     async def arrays(self, *, space: Optional[str] = None) -> tuple[Any, Any]:

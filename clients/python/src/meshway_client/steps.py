@@ -167,13 +167,21 @@ def in_parts(source: Source, params: dict[str, Any], retries: int) -> Steps:
         at = int(where.headers["upload-offset"])
 
 
-def submit(cloud: Any, body: dict[str, Any], retries: int) -> Steps:
+@dataclass
+class Given:
+    """What a job is asked for: members of the request, ``None`` where they are left out, and how its cloud is read."""
+
+    body: dict[str, Any]
+    assume_orientation: bool = False
+
+
+def submit(cloud: Any, given: Given, retries: int) -> Steps:
     """A job for a cloud, which is sent first where it is not there yet."""
     if not isinstance(cloud, Cloud) and not (isinstance(cloud, str) and cloud.startswith("cld_")):
-        cloud = yield from upload(cloud, None, False, retries)
+        cloud = yield from upload(cloud, None, given.assume_orientation, retries)
     cloud_id = cloud.id if isinstance(cloud, Cloud) else cloud
-    given = {name: value for name, value in body.items() if value is not None}
-    answer = yield from ask(Ask("POST", "v1/jobs", json={"cloud_id": cloud_id, **given}), retries)
+    body = {name: value for name, value in given.body.items() if value is not None}
+    answer = yield from ask(Ask("POST", "v1/jobs", json={"cloud_id": cloud_id, **body}), retries)
     return Job.of(answer.json())
 
 
@@ -297,9 +305,9 @@ def wait(job_id: str, timeout: Optional[float], retries: int) -> Steps:
     raise TimedOut(job_id, timeout or 0.0)
 
 
-def reconstruct(cloud: Any, body: dict[str, Any], timeout: Optional[float], retries: int) -> Steps:
+def reconstruct(cloud: Any, given: Given, timeout: Optional[float], retries: int) -> Steps:
     """The job of a cloud, once it has succeeded."""
-    job: Job = yield from submit(cloud, body, retries)
+    job: Job = yield from submit(cloud, given, retries)
     return (yield from wait(job.id, timeout, retries))
 
 
@@ -308,17 +316,22 @@ def report(job_id: str, retries: int) -> Steps:
     return (yield from ask(Ask("GET", f"v1/jobs/{job_id}/report"), retries)).json()
 
 
-def content(job_id: str, name: str, space: Optional[str], retries: int) -> Steps:
+def drawn(space: Optional[str], colors: Optional[str]) -> dict[str, str]:
+    """How a mesh is written: in which coordinates, and with what colours."""
+    asked = {"space": space, "colors": colors}
+    return {name: value for name, value in asked.items() if value is not None}
+
+
+def content(job_id: str, name: str, query: dict[str, str], retries: int) -> Steps:
     """The bytes of a file of a job, such as mesh.stl."""
-    params = {} if space is None else {"space": space}
-    answer = yield from ask(Ask("GET", f"v1/jobs/{job_id}/{name}", params=params), retries)
+    answer = yield from ask(Ask("GET", f"v1/jobs/{job_id}/{name}", params=query), retries)
     return answer.content
 
 
-def save(job_id: str, path: Union[str, os.PathLike[str]], space: Optional[str], retries: int) -> Steps:
+def save(job_id: str, path: Union[str, os.PathLike[str]], query: dict[str, str], retries: int) -> Steps:
     """Writes a file, all of it or nothing; its ending names the format."""
     path = os.fspath(path)
-    data = yield from content(job_id, file_name(path), space, retries)
+    data = yield from content(job_id, file_name(path), query, retries)
     descriptor, part = tempfile.mkstemp(dir=os.path.dirname(path) or ".", prefix=".meshway-")
     try:
         with os.fdopen(descriptor, "wb") as file:

@@ -124,7 +124,7 @@ pub(in crate::http) async fn keep(
 ) -> Result<Response> {
     find(&app, &caller.tenant, &id).await?;
     let body = upload::json(&app, request, JSON_LIMIT).await?;
-    let change = retention::change(Members::of(&body)?, Wanted::of_cloud, None)?;
+    let change = retention::change(Members::of(&body)?, Wanted::of_cloud, None, None)?;
     match app.store.by(&caller).keep_cloud(&id, change).await? {
         Some(cloud) => Ok(Json(api::Cloud::from(&cloud)).into_response()),
         None => Err(absent(&app, &caller.tenant, &id).await),

@@ -203,7 +203,7 @@ pub(in crate::http) async fn retry(
     wish.answer(&app, &caller, job).await
 }
 
-/// `PATCH /v1/jobs/{id}`: how long it is kept, and whether it is held.
+/// `PATCH /v1/jobs/{id}`: how long it is kept, whether it is held, and when it has its turn.
 pub(in crate::http) async fn keep(
     State(app): State<AppState>,
     caller: Caller,
@@ -214,7 +214,7 @@ pub(in crate::http) async fn keep(
     found(app.store.of(&caller.tenant).job(&id).await?)?;
     let body = upload::json(&app, request, JSON_LIMIT).await?;
     let members = Members::of(&body)?;
-    let change = retention::change(members, Wanted::of_job, app.config.job_ttl)?;
+    let change = retention::of_job(members, app.config.job_ttl)?;
     let job = found(app.store.by(&caller).keep_job(&id, change).await?)?;
     let place = place(&app, &job).await?;
     let mut response = answer(StatusCode::OK, &job, place);

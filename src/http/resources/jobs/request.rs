@@ -293,7 +293,7 @@ fn object(value: Value) -> std::result::Result<Map<String, Value>, String> {
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "as members are taken")]
-fn priority(value: Value) -> std::result::Result<i64, String> {
+pub(in crate::http) fn priority(value: Value) -> std::result::Result<i64, String> {
     let given = value.as_i64().filter(|given| PRIORITIES.contains(given));
     given.ok_or_else(|| {
         let (least, most) = PRIORITIES.into_inner();

@@ -106,8 +106,8 @@ impl Acts<'_> {
         Ok(deletion)
     }
 
-    /// Changes how long a job is kept, counted from now where it has ended, and whether it is held. The
-    /// answer is the job afterwards.
+    /// Changes how long a job is kept, counted from now where it has ended, whether it is held, and its
+    /// priority. The answer is the job afterwards.
     pub async fn keep_job(self, id: &JobId, change: KeepChange) -> Result<Lookup> {
         let (id, caller) = (id.clone(), self.caller.clone());
         self.store
@@ -122,7 +122,8 @@ impl Acts<'_> {
                         _ => job.expires_at,
                     };
                     sqlx::query(
-                        "UPDATE jobs SET hold = ?2, keep_ms = ?3, once = ?4, expires_at = ?5
+                        "UPDATE jobs SET hold = ?2, keep_ms = ?3, once = ?4, expires_at = ?5,
+                                         priority = ?6
                          WHERE id = ?1",
                     )
                     .bind(id.as_str())
@@ -130,6 +131,7 @@ impl Acts<'_> {
                     .bind(keep.ms)
                     .bind(keep.once)
                     .bind(ends)
+                    .bind(change.priority.unwrap_or(job.priority))
                     .execute(&mut *tx.db)
                     .await?;
                     tx.witness(&caller, Act::JobKeep, id.as_str()).await?;
