@@ -7,7 +7,7 @@ import { dirname, join } from 'node:path';
 import { before, test } from 'node:test';
 import { fileURLToPath } from 'node:url';
 import { build } from 'esbuild';
-import { folder, nifti, sample, serve, shared, submit } from './support.mjs';
+import { folder, nifti, serve, shared, submit } from './support.mjs';
 
 const t = shared();
 let origin;
@@ -42,10 +42,22 @@ before(async () => {
   page.session.value = await get('/v1/session');
   // The only worker is busy to the end: Adam on one network never ends by itself.
   const training = { optimizer: 'adam', max_evaluations: 1_000_000, patience: 0 };
-  const ball = sample(files, 'sphere', 400, 'ball.ply');
-  const long = await submit(origin, ball, { preset: 'fine', settings: { training, network: { block_points: 0 } } });
+  const long = await submit(origin, labelled(400), { preset: 'fine', settings: { training, network: { block_points: 0 } } });
   cloud = long.cloud_id;
 });
+
+/** A ball of so many points with labels, for settings that ask for them: inside, on it and outside. */
+function labelled(points) {
+  const rows = Array.from({ length: points }, (_, i) => {
+    const [label, radius] = [[1, 0.5], [0, 1], [-1, 1.5]][i % 3];
+    const [z, turn] = [1 - (2 * i + 1) / points, 2.4 * i];
+    const around = Math.sqrt(1 - z * z);
+    return [around * Math.cos(turn), around * Math.sin(turn), z].map((x) => (radius * x).toFixed(6)).concat(label).join(',');
+  });
+  const path = join(files, 'labelled.csv');
+  writeFileSync(path, `x,y,z,label\n${rows.join('\n')}\n`);
+  return path;
+}
 
 /** Values that the setting may have beside the one it has, the likeliest first. */
 function others({ type, options, minimum, maximum }, value) {

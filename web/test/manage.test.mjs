@@ -72,8 +72,9 @@ test('a job that waits goes past another, and a new one says its turn and its ti
   const { ttl, priority } = await show(id);
   assert.deepEqual([ttl, priority], ['download', -9]);
   await page.getByText('number 2 in the queue').waitFor();
-  await page.getByRole('region', { name: 'Keeping' }).getByLabel('Priority in the queue').selectOption('+3');
-  await page.getByRole('button', { name: 'Save' }).click();
+  const keeping = page.getByRole('region', { name: 'Keeping' });
+  await keeping.getByLabel('Priority in the queue').selectOption('+3');
+  await keeping.getByRole('button', { name: 'Save' }).click();
   await page.getByText('number 1 in the queue').waitFor();
   await page.getByText('priority +3', { exact: true }).waitFor();
   assert.equal((await show(id)).priority, 3);
