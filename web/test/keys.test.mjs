@@ -113,7 +113,7 @@ test('each sees what the key allows: who looks, who makes keys, who reads the tr
   const jobs = () => fetch(`${origin}/v1/jobs`, { headers: { authorization: `Bearer ${key}` } });
   assert.equal((await jobs()).status, 200);
   await accessible(page);
-  await page.getByRole('button', { name: 'Take pacs out of use' }).click();
+  await page.getByRole('button', { name: 'Take out pacs' }).click();
   await page.getByRole('dialog').getByRole('button', { name: 'Take out' }).click();
   await page.getByText('pacs is out of use.').waitFor();
   assert.equal((await jobs()).status, 401);

@@ -78,7 +78,7 @@ const PAGES = [
     await page.getByRole('application', { name: triangles }).nth(1).waitFor();
     await page.getByRole('img', { name: /^First from/ }).waitFor();
     await page.getByRole('combobox', { name: 'Colour' }).last().selectOption('other');
-    await page.locator('.legend').getByText('Distance to the other mesh').waitFor();
+    await page.locator('.legend').getByText('Distance to the other mesh').last().waitFor();
   } },
   { name: 'system', at: () => '#/system', ready: (page) => page.getByText('Workers busy').waitFor() },
   { name: 'missing', at: () => '#/nowhere', ready: (page) => page.getByText('There is no such page.').waitFor() },

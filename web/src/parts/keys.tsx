@@ -38,7 +38,7 @@ export function KeysPanel() {
                 <td>{key.last_used_at ? <Time at={key.last_used_at} /> : 'never'}</td>
                 <td>{key.expires_at ? <Time at={key.expires_at} /> : 'never'}</td>
                 <td>{key.in_file ? <span class="muted">in the file of the operator</span>
-                  : <button type="button" class="small danger" aria-label={`Take ${key.name} out of use`} onClick={() => void remove(key)}>Take out</button>}</td>
+                  : <button type="button" class="small danger" aria-label={`Take out ${key.name}`} onClick={() => void remove(key)}>Take out</button>}</td>
               </tr>
             ))}</tbody>
           </table>
