@@ -7,7 +7,7 @@ import { dirname, join } from 'node:path';
 import { before, test } from 'node:test';
 import { fileURLToPath } from 'node:url';
 import { build } from 'esbuild';
-import { folder, nifti, serve, shared, submit } from './support.mjs';
+import { busy, folder, nifti, serve, shared } from './support.mjs';
 
 const t = shared();
 let origin;
@@ -22,7 +22,7 @@ async function lines() {
     export { limits } from './src/state/limits'; export { session } from './src/state/session';`;
   const { outputFiles: [script] } = await build({
     absWorkingDir, stdin: { contents, resolveDir: absWorkingDir }, bundle: true, format: 'esm', write: false,
-    jsx: 'automatic', jsxImportSource: 'preact', external: ['uplot'],
+    jsx: 'automatic', jsxImportSource: 'preact', external: ['uplot'], define: { 'import.meta.url': '"http://here/assets/main.js"' },
   });
   Object.assign(globalThis, { location: { origin, hash: '' }, addEventListener: () => {}, setInterval: () => 0 });
   return import(`data:text/javascript;base64,${Buffer.from(script.contents).toString('base64')}`);
@@ -40,10 +40,7 @@ before(async () => {
   page.presets.value = (await get('/v1/presets')).items;
   page.limits.value = await get('/v1/limits');
   page.session.value = await get('/v1/session');
-  // The only worker is busy to the end: Adam on one network never ends by itself.
-  const training = { optimizer: 'adam', max_evaluations: 1_000_000, patience: 0 };
-  const long = await submit(origin, labelled(400), { preset: 'fine', settings: { training, network: { block_points: 0 } } });
-  cloud = long.cloud_id;
+  cloud = (await busy(origin, labelled(400))).cloud_id;
 });
 
 /** A ball of so many points with labels, for settings that ask for them: inside, on it and outside. */

@@ -2,7 +2,7 @@
 
 import assert from 'node:assert/strict';
 import { before, test } from 'node:test';
-import { browse, folder, open, sample, serve, shared, submit } from './support.mjs';
+import { browse, drop, folder, open, sample, serve, shared, submit } from './support.mjs';
 
 const t = shared();
 let browser;
@@ -26,6 +26,27 @@ test('a service that is killed is missed, and found again', async () => {
   await page.getByText('The connection to the service is lost.').waitFor({ state: 'hidden' });
   await submit(killed.origin, cloud, { preset: 'fast', labels: { file: 'later.ply' } });
   await page.getByRole('row', { name: /later\.ply.*Succeeded/ }).waitFor();
+  await page.context().close();
+});
+
+test('behind a proxy that offers the service below a path, the page stays below it', async () => {
+  const { origin } = await serve(t, folder(t), '127.0.0.1:0', ['--base-path', '/tools/mesh']);
+  const { page, faults } = await open(browser, origin);
+  page.on('request', (request) => {
+    if (!/^(blob|data):/.test(request.url()) && !request.url().startsWith(`${origin}/tools/mesh/`)) faults.push(request.url());
+  });
+  await page.goto(`${origin}/tools/mesh/`);
+  await page.getByText('Live', { exact: true }).waitFor();
+  await drop(page, sample(folder(t), 'sphere', 300), 'ball.ply');
+  await page.getByText('300 points').waitFor();
+  await page.getByText('Fast', { exact: true }).click();
+  await page.getByLabel('Training steps').fill('40');
+  await page.getByLabel('Grid resolution').fill('32');
+  await page.getByRole('button', { name: 'Start' }).click();
+  await page.getByRole('application', { name: /[1-9][\d,]* triangles/ }).waitFor();
+  assert.match(await page.getByRole('link', { name: 'Download STL' }).getAttribute('href'), /^\/tools\/mesh\/v1\/jobs\//);
+  await page.getByText(`'${origin}/tools/mesh/v1/jobs'`).waitFor();
+  assert.deepEqual(faults, []);
   await page.context().close();
 });
 

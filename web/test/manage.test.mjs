@@ -2,7 +2,7 @@
 
 import assert from 'node:assert/strict';
 import { before, test } from 'node:test';
-import { browse, drop, ended, folder, open, sample, serve, shared, submit, violations } from './support.mjs';
+import { browse, busy, drop, ended, folder, open, sample, serve, shared, submit, violations } from './support.mjs';
 
 const t = shared();
 let origin;
@@ -55,9 +55,7 @@ test('a job is held and let go, and kept for another time', async () => {
 });
 
 test('a job that waits goes past another, and a new one says its turn and its time', async () => {
-  // Adam on one network never ends by itself.
-  const training = { optimizer: 'adam', max_evaluations: 1_000_000, patience: 0 };
-  const { id: long } = await submit(origin, cloud, { preset: 'fine', settings: { training, network: { block_points: 0 } }, labels: { file: 'long.ply' } });
+  const { id: long } = await busy(origin, cloud, { file: 'long.ply' });
   await submit(origin, cloud, fast({ file: 'first.ply' }));
   const { page, faults } = await open(browser, origin);
   await page.goto(`${origin}/#/new`);
@@ -100,8 +98,7 @@ test('chosen jobs are held together, and all with a label are cancelled or delet
   await accessible(page);
   await all.getByRole('button', { name: 'Cancel all' }).click();
   await page.getByText('No job with study:a:b waits or runs.').waitFor();
-  const training = { optimizer: 'adam', max_evaluations: 1_000_000, patience: 0 };
-  const { id } = await submit(origin, cloud, { preset: 'fine', settings: { training, network: { block_points: 0 } }, labels: of });
+  const { id } = await busy(origin, cloud, of);
   await page.getByText('4 jobs', { exact: true }).waitFor();
   await all.getByRole('button', { name: 'Cancel all' }).click();
   await page.getByRole('dialog').getByRole('button', { name: 'Cancel' }).click();

@@ -2,7 +2,7 @@
 
 import assert from 'node:assert/strict';
 import { before, test } from 'node:test';
-import { browse, ended, folder, open, sample, serve, shared, submit, violations } from './support.mjs';
+import { browse, busy, ended, folder, open, sample, serve, shared, submit, violations } from './support.mjs';
 
 const t = shared();
 let origin;
@@ -58,10 +58,7 @@ test('each block has its numbers on request, and the page says how long a job is
 
 test('a job that waits says its place, its end and its priority', async () => {
   const { page, faults } = await open(browser, origin);
-  // Adam on one network never ends by itself.
-  const training = { optimizer: 'adam', max_evaluations: 1_000_000, patience: 0 };
-  const long = { preset: 'fine', settings: { training, network: { block_points: 0 } }, labels: { file: 'long.ply' } };
-  const { id: first } = await submit(origin, cloud, long);
+  const { id: first } = await busy(origin, cloud, { file: 'long.ply' });
   const later = await submit(origin, cloud, { preset: 'fast', settings: small, labels: { file: 'later.ply' } });
   await submit(origin, cloud, { preset: 'fast', settings: small, labels: { file: 'urgent.ply' }, priority: 3 });
   await page.goto(`${origin}/#/jobs`);

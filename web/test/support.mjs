@@ -101,12 +101,22 @@ export async function submit(origin, path, job) {
   return response.json();
 }
 
-export async function ended(origin, id) {
+/** The job once it is no longer in any of these states. */
+async function past(origin, id, states) {
   for (;;) {
     const job = await (await fetch(`${origin}/v1/jobs/${id}`)).json();
-    if (job.status !== 'queued' && job.status !== 'running') return job;
+    if (!states.includes(job.status)) return job;
     await new Promise((resolve) => { setTimeout(resolve, 200); });
   }
+}
+
+export const ended = (origin, id) => past(origin, id, ['queued', 'running']);
+
+/** A job that keeps the only worker busy until it is cancelled or erased: Adam on one network never ends by itself. */
+export async function busy(origin, path, labels = {}) {
+  const training = { optimizer: 'adam', max_evaluations: 1_000_000, patience: 0 };
+  const job = await submit(origin, path, { preset: 'fine', settings: { training, network: { block_points: 0 } }, labels });
+  return past(origin, job.id, ['queued']);
 }
 
 export async function browse(t) {

@@ -6,7 +6,7 @@
 use axum::Router;
 use axum::body::{Body, HttpBody};
 use axum::extract::{Request, State};
-use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE, LINK, LOCATION};
+use axum::http::header::{ACCEPT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, LINK, LOCATION};
 use axum::http::uri::PathAndQuery;
 use axum::http::{HeaderMap, HeaderValue, Uri};
 use axum::middleware::Next;
@@ -50,14 +50,19 @@ fn below(config: &Config, uri: &Uri) -> Option<Uri> {
 /// `link` and `links` in JSON and in events, and of links in pages.
 pub(in crate::http) async fn addresses(
     State(app): State<AppState>,
-    request: Request,
+    mut request: Request,
     next: Next,
 ) -> Result<Response> {
-    let mut response = next.run(request).await;
     let config = app.config.clone();
     if config.base_path.is_empty() {
-        return Ok(response);
+        return Ok(next.run(request).await);
     }
+    // Files that never change name no addresses. All else must come as text; a layer around this one
+    // packs it.
+    if !request.uri().path().starts_with("/assets/") {
+        request.headers_mut().remove(ACCEPT_ENCODING);
+    }
+    let mut response = next.run(request).await;
     in_header(&config, response.headers_mut());
     let kind = response.headers().get(CONTENT_TYPE);
     let kind = kind.and_then(|kind| kind.to_str().ok()).unwrap_or_default();
@@ -144,7 +149,9 @@ fn in_frame(config: &Config, frame: &Bytes) -> Bytes {
 }
 
 fn in_page(config: &Config, body: &Bytes) -> Bytes {
-    replaced(body, "href=\"/", &format!("href=\"{}", config.address("/")))
+    let base = config.address("/");
+    let links = replaced(body, "href=\"/", &format!("href=\"{base}"));
+    replaced(&links, "src=\"/", &format!("src=\"{base}"))
 }
 
 fn in_contract(config: &Config, body: &Bytes) -> Bytes {

@@ -3,6 +3,14 @@
 import { signal } from '@preact/signals';
 import type { Problem } from './types';
 
+/** Path below which a proxy offers the service: scripts are loaded from assets/ below it. */
+const base = new URL('..', import.meta.url).pathname.slice(0, -1);
+
+/** The address of a path of the service; those that the service gives begin with the base already. */
+export function at(path: string): string {
+  return base && path.startsWith(`${base}/`) ? path : `${base}${path}`;
+}
+
 /** Whether the service asked who this is: it has keys, and this browser has none that it knows. */
 export const unknown = signal(false);
 
@@ -43,7 +51,7 @@ export function sentence(text: string): string {
 export async function answer(path: string, init?: RequestInit): Promise<Response> {
   let response: Response;
   try {
-    response = await fetch(path, init);
+    response = await fetch(at(path), init);
   } catch (error) {
     if (error instanceof DOMException && error.name === 'AbortError') throw error;
     throw unreachable();
@@ -93,7 +101,7 @@ export interface Sending {
 export function send({ method, path, headers, body, onProgress, signal }: Sending): Promise<XMLHttpRequest> {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
-    request.open(method, path);
+    request.open(method, at(path));
     for (const [name, value] of Object.entries(headers ?? {})) request.setRequestHeader(name, value);
     request.upload.onprogress = ({ loaded, total }) => onProgress(loaded, total);
     request.onerror = () => reject(unreachable());

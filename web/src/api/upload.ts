@@ -78,7 +78,7 @@ async function append(file: File, { signal, onProgress }: Course, { address, fro
     body: file.slice(at, at + PART),
     onProgress: (loaded) => onProgress((at + loaded) / file.size),
   });
-  const cloud = /<(\/v1\/clouds\/[^>]+)>/.exec(request.getResponseHeader('link') ?? '')?.[1];
+  const cloud = /<([^>]*\/v1\/clouds\/[^>]+)>/.exec(request.getResponseHeader('link') ?? '')?.[1];
   return cloud ? get<Cloud>(cloud, signal) : Number(request.getResponseHeader('upload-offset'));
 }
 

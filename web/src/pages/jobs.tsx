@@ -50,7 +50,7 @@ export function JobsPage() {
         <h1 tabIndex={-1}>Jobs</h1>
         {may('write') && <ChooseFiles label="Choose files…" primary />}
       </div>
-      <FilterBar filters={filters} />
+      {(filtered || rows.value.length > 0 || !complete.value) && <FilterBar filters={filters} />}
       {filters.label && Object.values(filters).filter(Boolean).length === 1 && rows.value.length > 0 && <Labelled label={filters.label} />}
       {trouble.value && <Trouble>{trouble.value}</Trouble>}
       {chosenRows.value.length > 0 && <Bulk />}

@@ -1,7 +1,7 @@
 // How the service is: whether it takes work, what it does, what may be asked of it.
 
 import { useEffect, useState } from 'preact/hooks';
-import { answer, Failure, get, sentence, words } from '../api/client';
+import { answer, at, Failure, get, sentence, words } from '../api/client';
 import type { Limits, Ready, Version } from '../api/types';
 import { bytes, count, duration, many } from '../format';
 import { Panel, Time, Trouble } from '../parts/basic';
@@ -84,7 +84,7 @@ export function SystemPage() {
                 <div><dt>Meshway</dt><dd>{version.version}</dd></div>
                 <div><dt>Started</dt><dd><Time at={version.started_at} /></dd></div>
               </dl>
-              <p><a href="/docs">The API for people</a>, <a href="/openapi.yaml">for machines</a>, <a href="/metrics">metrics for Prometheus</a></p>
+              <p><a href={at('/docs')}>The API for people</a>, <a href={at('/openapi.yaml')}>for machines</a>{admin && <>, <a href={at('/metrics')}>metrics for Prometheus</a></>}</p>
             </Panel>
           )}
           {limits.value && <RetentionPanel limits={limits.value} />}

@@ -1,6 +1,6 @@
 // The report in words.
 
-import { sentence } from '../api/client';
+import { at, sentence } from '../api/client';
 import type { Job, Report } from '../api/types';
 import { duration, many, measure, number } from '../format';
 import { VERDICT_MEANS } from '../words';
@@ -62,7 +62,7 @@ export function ReportPanel({ job, report }: { job: Job; report: Report | null }
         </dl>
       )}
       {report && <ul class="plain-list">{[...shape(report, job.unit), ...fit(report, job.unit)].map((line) => <li>{line}</li>)}</ul>}
-      <p class="help">{(!job.unit || job.unit === 'unknown') && 'Lengths are in the unit of the cloud. '}<a href={`/v1/jobs/${job.id}/report`}>The whole report</a></p>
+      <p class="help">{(!job.unit || job.unit === 'unknown') && 'Lengths are in the unit of the cloud. '}<a href={at(`/v1/jobs/${job.id}/report`)}>The whole report</a></p>
     </Panel>
   );
 }

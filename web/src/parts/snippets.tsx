@@ -1,6 +1,7 @@
 // The lines that make the same job again, for curl and for Python.
 
 import { useState } from 'preact/hooks';
+import { at } from '../api/client';
 import type { Cloud, Job, NewJob } from '../api/types';
 import { limits } from '../state/limits';
 import { preset } from '../state/presets';
@@ -46,7 +47,7 @@ const assumed = (cloud: Cloud | null) => cloud?.segmentation?.assumed_orientatio
 
 export function curl({ job, cloud }: Again): string {
   const who = known() ? ' -H "Authorization: Bearer $MESHWAY_KEY"' : '';
-  const jobs = `${location.origin}/v1/jobs`;
+  const jobs = `${location.origin}${at('/v1/jobs')}`;
   return [
     `job=$(curl -fsS${who} ${quoted(`${jobs}${assumed(cloud) ? '?assume_orientation=true' : ''}`)} \\`,
     `  -F ${quoted(`file=@${attached(file(job))}`)} \\`,
@@ -74,7 +75,7 @@ export function python({ job, cloud }: Again): string {
     ...(known() ? ['import os', ''] : []),
     'from meshway_client import Meshway',
     '',
-    `service = Meshway(${JSON.stringify(location.origin)}${who})`,
+    `service = Meshway(${JSON.stringify(`${location.origin}${at('')}`)}${who})`,
     'mesh = service.reconstruct(',
     `    ${JSON.stringify(file(job))},`,
     ...given.map(([name, value]) => `    ${name}=${literal(value)},`),

@@ -1,6 +1,7 @@
 // Files to take along.
 
 import { useState } from 'preact/hooks';
+import { at } from '../api/client';
 import type { Job } from '../api/types';
 import { COLOURED, FORMATS } from '../words';
 import { Panel } from './basic';
@@ -16,7 +17,7 @@ export function Downloads({ job }: { job: Job }) {
   const inPatient = job.frame === 'lps' || job.frame === 'ras';
   const link = (ending: string, colors?: string) => {
     const query = new URLSearchParams({ ...(space === 'source' ? {} : { space }), ...(colors ? { colors } : {}) }).toString();
-    return `/v1/jobs/${job.id}/mesh.${ending}${query ? `?${query}` : ''}`;
+    return at(`/v1/jobs/${job.id}/mesh.${ending}${query ? `?${query}` : ''}`);
   };
   return (
     <Panel title="Download">
@@ -42,12 +43,12 @@ export function Downloads({ job }: { job: Job }) {
         ))}
         {inPatient && space !== 'ras' && <li><a href={link('dcm')} download>DICOM</a> archives and planning, in the patient's frame</li>}
         {job.links['mask'] && job.mesh?.closed && (
-          <li><a href={job.links['mask']} download>Mask, as NIfTI</a> on the voxels of the file</li>
+          <li><a href={at(job.links['mask'])} download>Mask, as NIfTI</a> on the voxels of the file</li>
         )}
-        <li><a href={`/v1/jobs/${job.id}/report`} download={`${job.id}-report.json`}>Report, as JSON</a></li>
-        <li><a href={`/v1/jobs/${job.id}/metrics?format=csv`} download={`${job.id}-metrics.csv`}>Curves, as CSV</a></li>
-        <li><a href={`/v1/jobs/${job.id}/model`} download>Network, as safetensors</a></li>
-        {job.links['cloud'] && <li><a href={`/v1/clouds/${job.cloud_id}/content`} download>The file as uploaded</a></li>}
+        <li><a href={at(`/v1/jobs/${job.id}/report`)} download={`${job.id}-report.json`}>Report, as JSON</a></li>
+        <li><a href={at(`/v1/jobs/${job.id}/metrics?format=csv`)} download={`${job.id}-metrics.csv`}>Curves, as CSV</a></li>
+        <li><a href={at(`/v1/jobs/${job.id}/model`)} download>Network, as safetensors</a></li>
+        {job.links['cloud'] && <li><a href={at(`/v1/clouds/${job.cloud_id}/content`)} download>The file as uploaded</a></li>}
       </ul>
     </Panel>
   );

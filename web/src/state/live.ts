@@ -2,7 +2,7 @@
 // comes back by itself, and whoever listens is told to look again at what it may have missed.
 
 import { signal } from '@preact/signals';
-import { unknown } from '../api/client';
+import { at, unknown } from '../api/client';
 import { loadSession } from './session';
 
 export type Connection = 'connecting' | 'live' | 'lost';
@@ -38,7 +38,7 @@ export function onReturn(listener: () => void): () => void {
 export function connect(): void {
   // The page is loaded anew after signing in.
   if (unknown.value) return;
-  const source = new EventSource('/v1/events');
+  const source = new EventSource(at('/v1/events'));
   source.onopen = () => {
     connection.value = 'live';
     returns.forEach((listener) => listener());

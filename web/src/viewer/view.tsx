@@ -220,7 +220,7 @@ function Picks({ picks, unit, clear }: { picks: Triple[]; unit: Props['unit']; c
   const [first, second] = picks;
   return (
     <p class="picks" role="status">
-      {!first && 'Click a place to read its coordinates, and a second one for the distance.'}
+      {!first && 'Drag to turn, then scroll to zoom. A click reads the coordinates of a place, a second one the distance.'}
       {first && <>Place <code>{text(first)}</code></>}
       {first && second && <> to <code>{text(second)}</code>, distance <strong>{measure(Math.hypot(...first.map((x, i) => x - (second[i] ?? 0))), unit)}</strong></>}
       {first && <> <button type="button" class="small plain" onClick={clear}>Clear</button></>}
