@@ -103,12 +103,19 @@ function FilterBar({ filters }: { filters: Filters }) {
 
 /** What can be done to all jobs with a label, however many there are. */
 function Labelled({ label }: { label: string }) {
+  const [busy, setBusy] = useState(false);
   if (!may('write') && !may('delete')) return null;
+  // Thousands take a while.
+  const all = (act: (label: string) => Promise<void>) => {
+    setBusy(true);
+    void act(label).finally(() => setBusy(false));
+  };
   return (
     <div class="buttons labelled" role="group" aria-label={`All jobs with ${label}`}>
       <span>All jobs with <strong>{label}</strong></span>
-      {may('write') && <button type="button" class="small" onClick={() => void cancelLabelled(label)}>Cancel all</button>}
-      {may('delete') && <button type="button" class="small danger" onClick={() => void removeLabelled(label)}>Delete all</button>}
+      {may('write') && <button type="button" class="small" disabled={busy} onClick={() => all(cancelLabelled)}>Cancel all</button>}
+      {may('delete') && <button type="button" class="small danger" disabled={busy} onClick={() => all(removeLabelled)}>Delete all</button>}
+      {busy && <span role="status" class="muted">At work…</span>}
     </div>
   );
 }

@@ -15,6 +15,8 @@ async function each(ids: string[], act: (id: string) => Promise<unknown>): Promi
     try {
       await act(id);
       done += 1;
+      // Many take a while.
+      if (done % 25 === 0) say(`${done} of ${many(ids.length, 'job')}…`);
     } catch (error) {
       trouble = words(error);
     }
