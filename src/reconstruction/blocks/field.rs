@@ -219,6 +219,24 @@ impl Field for BlockField<'_> {
         }
         Ok(())
     }
+
+    /// The spacing of the points that a block was fitted to.
+    fn detail(&self, points: &[Vec3], lengths: &mut [f64]) {
+        lengths
+            .par_iter_mut()
+            .zip(points)
+            .with_min_len(LOOKED_UP)
+            .for_each(|(length, q)| {
+                self.lookup.holding(*q, |k| {
+                    *length = length.min(self.parts[k].0.spacing());
+                });
+            });
+    }
+
+    fn finest_detail(&self) -> Option<f64> {
+        let spacings = self.parts.iter().map(|(block, _)| block.spacing());
+        spacings.reduce(f64::min)
+    }
 }
 
 #[cfg(test)]
