@@ -349,6 +349,16 @@ mod tests {
     }
 
     #[test]
+    fn detail_is_that_of_the_finest_block_around() {
+        let field = field(CoarseInput::None);
+        let spacing = field.parts[0].0.spacing();
+        let mut lengths = [9.0; 2];
+        field.detail(&[[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], &mut lengths);
+        assert_eq!(lengths, [spacing, 9.0]);
+        assert_eq!(field.finest_detail(), Some(spacing));
+    }
+
+    #[test]
     fn blocks_rule_in_their_cores_and_the_coarse_field_beyond() {
         let at = |input| {
             let mut values = [0.0; 2];

@@ -2,7 +2,7 @@
 
 use super::neighbours::{Neighbourhoods, Tree};
 use super::normals::{NormalSource, Normals, normals};
-use super::orientation::{Contradiction, MANY, least_contradiction};
+use super::orientation::{MANY, least_contradiction};
 use super::winding::Oriented;
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::vector::Vec3;

@@ -14,10 +14,10 @@ use super::winding::Oriented;
 use crate::reconstruction::random::{Purpose, stream};
 use crate::reconstruction::vector::Vec3;
 use consistency::Consistent;
-use contradiction::contradiction;
+use contradiction::{Contradiction, contradiction};
 use many::Many;
 
-pub(super) use contradiction::{Contradiction, least_contradiction};
+pub(super) use contradiction::least_contradiction;
 pub(super) use spanning::points_inwards;
 
 /// Most points between which all pairs are summed; the others follow their field.
