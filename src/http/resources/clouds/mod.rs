@@ -45,13 +45,9 @@ pub(in crate::http) async fn create(
         Begun::Replay(response) => return Ok(response),
         Begun::New(attempt) => attempt,
     };
-    let (cloud, created) = files::keep(
-        &app,
-        &caller,
-        upload,
-        Wanted::keep(ttl, app.config.cloud_ttl),
-    )
-    .await?;
+    let usable = files::usable(&app, &caller.tenant, upload).await?;
+    let keep = Wanted::keep(ttl, app.config.cloud_ttl);
+    let (cloud, created) = files::keep(&app, &caller, usable, keep).await?;
     let status = if created {
         StatusCode::CREATED
     } else {

@@ -2,7 +2,7 @@
 
 use sqlx::sqlite::SqliteRow;
 
-use super::audit::Act;
+use super::act::Act;
 use super::row::{Columns, integer, to_json};
 use crate::jobs::store::{Acts, Records, Store};
 use crate::jobs::{Cloud, CloudId, NewCloud, Result};
