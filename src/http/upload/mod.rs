@@ -33,6 +33,8 @@ pub(in crate::http) struct Upload {
     pub(in crate::http) hint: Option<Format>,
     /// Whether a label map without an orientation is taken as it lies.
     pub(in crate::http) assume_orientation: bool,
+    /// Whether patient and study are taken over into its meshes.
+    pub(in crate::http) keep_identifiers: bool,
     /// Whether it came as the fields of a page's form, which curl says of what it sends with `-d`.
     pub(in crate::http) as_fields: bool,
 }
@@ -112,6 +114,7 @@ pub(in crate::http) async fn receive(app: &AppState, request: Request) -> Result
                 hint,
                 as_fields,
                 assume_orientation: false,
+                keep_identifiers: false,
             };
             Ok(Payload::File(upload, None))
         }
@@ -249,6 +252,7 @@ async fn file_part(app: &AppState, pace: &mut Pace, mut part: Field<'_>) -> Resu
         hint,
         as_fields: false,
         assume_orientation: false,
+        keep_identifiers: false,
     })
 }
 

@@ -30,7 +30,7 @@ async fn progress_never_goes_back() {
     assert_eq!(show(&service, &path).await["progress"], 0.4);
     service.store().release(&first).await.unwrap();
     let again = work(0.2).await;
-    assert_eq!(again.job_id, first.job_id);
+    assert_eq!(again.job_id(), first.job_id());
     let shown = show(&service, &path).await;
     assert_eq!(shown["jobs"][0]["progress"], 0.2);
     assert_eq!(shown["progress"], 0.4);
@@ -183,8 +183,9 @@ async fn a_batch_is_erased_with_its_clouds_and_goes_with_its_last_job() {
         let path = batch["links"][path].as_str().unwrap();
         service.get(path).await.expect_problem(410, "gone");
     }
-    let cancel = service.post_json(batch["links"]["cancel"].as_str().unwrap(), &json!({}));
-    cancel.await.expect_problem(410, "gone");
+    let cancel = batch["links"]["cancel"].as_str().unwrap();
+    let cancel = service.post_json(cancel, &json!({})).await;
+    cancel.expect_problem(410, "gone");
     service
         .delete(&own(&batch))
         .await

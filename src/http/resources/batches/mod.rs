@@ -21,7 +21,7 @@ use crate::http::resources::retention::Wanted;
 use crate::http::upload::bodies::JSON_LIMIT;
 use crate::http::upload::{self, receive_several};
 use crate::http::wire::error::{ApiError, Code, Result};
-use crate::http::wire::extract::{Id, NoQuery, Query, preferred_wait, switch};
+use crate::http::wire::extract::{Id, NoQuery, Query, kept, preferred_wait, switch};
 use crate::http::wire::idempotency::{self, Begun, REPLAYED};
 use crate::http::wire::page::{Page, PageOf};
 use crate::identity::{Caller, Tenant};
@@ -46,6 +46,7 @@ pub(in crate::http) async fn create(
     let preset = query.take("preset", |name| preset_named(&name));
     let source = query.take("source", |text| Choice::parse_several(&text));
     let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
+    let keep_identifiers = query.take("keep", kept).unwrap_or(false);
     let ttl = query.take("ttl", |text| Wanted::of_job(&text));
     query.finish()?;
     let wait = preferred_wait(request.headers());
@@ -54,6 +55,7 @@ pub(in crate::http) async fn create(
     let (mut uploads, body) = receive_several(&app, request, MOST_JOBS).await?;
     for upload in &mut uploads {
         upload.assume_orientation = assume_orientation;
+        upload.keep_identifiers = keep_identifiers;
         key.content(upload.spooled.sha256.as_bytes());
     }
     key.content(body.as_deref().unwrap_or_default());

@@ -14,6 +14,7 @@ use crate::http::wire::error::{ApiError, Result};
 use crate::identity::{Caller, Tenant};
 use crate::intake::{File, Summary};
 use crate::jobs::{Cloud, CloudDeletion, CloudId, Error, JobId, Keep, Lookup, NewCloud};
+use crate::reconstruction::cloud::Format;
 
 /// Where the bytes of a cloud are.
 pub(in crate::http) fn path(app: &AppState, sha256: &str) -> PathBuf {
@@ -62,6 +63,7 @@ pub(in crate::http) async fn usable(
             .await
             .unwrap_or(false)
         && (upload.assume_orientation || !has_assumed(&cloud))
+        && upload.keep_identifiers == cloud.summary.keeps_identifiers
     {
         let summary = cloud.summary.clone();
         let known = Some(cloud);
@@ -71,7 +73,8 @@ pub(in crate::http) async fn usable(
             summary,
         });
     }
-    let summary = read(app, &upload).await?;
+    let mut summary = read(app, &upload).await?;
+    summary.keeps_identifiers = upload.keep_identifiers && summary.format == Format::Dicom;
     let known = None;
     Ok(Usable {
         upload,

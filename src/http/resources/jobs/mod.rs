@@ -28,7 +28,7 @@ use crate::http::resources::retention::{self, Wanted};
 use crate::http::upload::bodies::JSON_LIMIT;
 use crate::http::upload::{self, Payload, Upload, receive};
 use crate::http::wire::error::{ApiError, Code, Result};
-use crate::http::wire::extract::{Id, Members, NoQuery, Query, switch, text};
+use crate::http::wire::extract::{Id, Members, NoQuery, Query, kept, switch, text};
 use crate::http::wire::idempotency::{self, Attempt, Begun, kept_headers};
 use crate::http::wire::page::{Page, PageOf};
 use crate::identity::{Caller, Tenant};
@@ -48,6 +48,7 @@ pub(in crate::http) async fn create(
     let preset = query.take("preset", |name| preset_named(&name));
     let source = query.take("source", |text| source_named(&text));
     let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
+    let keep_identifiers = query.take("keep", kept).unwrap_or(false);
     let ttl = query.take("ttl", |text| Wanted::of_job(&text));
     query.finish()?;
     let wish = Wish::of(request.headers())?;
@@ -62,6 +63,7 @@ pub(in crate::http) async fn create(
         }
         Payload::File(mut upload, job) => {
             upload.assume_orientation = assume_orientation;
+            upload.keep_identifiers = keep_identifiers;
             key.content(upload.spooled.sha256.as_bytes());
             key.content(job.as_deref().unwrap_or_default());
             (members_of("part job", job.as_deref())?, Some(upload))

@@ -50,6 +50,7 @@ async fn cloud_of(app: &AppState, caller: &Caller, upload: &Upload) -> Result<(j
         hint: upload.hint,
         as_fields: false,
         assume_orientation: upload.assume_orientation,
+        keep_identifiers: false,
     };
     let keep = Wanted::keep(None, app.config.cloud_ttl);
     let usable = files::usable(app, &caller.tenant, whole).await?;
