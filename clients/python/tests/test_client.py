@@ -134,7 +134,7 @@ class Served(unittest.TestCase):
     def test_a_batch_is_cancelled_with_asyncio(self):
         async def flow():
             async with AsyncMeshway(URL) as client:
-                batch = await client.batch([sphere(300, 3), sphere(300, 4)], preset="quality")
+                batch = await client.batch([sphere(300, 3), sphere(300, 4)], preset="fine")
                 await client.cancel_batch(batch)
                 ended = await client.wait_batch(batch, timeout=120)
                 self.assertEqual(ended.counts["cancelled"], 2)

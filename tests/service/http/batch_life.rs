@@ -176,9 +176,9 @@ async fn a_batch_is_erased_with_its_clouds_and_goes_with_its_last_job() {
     let shown = show(&service, &own(&batch)).await;
     assert_eq!(ids(&shown), jobs[..1]);
     held(false).await.expect(200);
-    let erased = service.delete(&format!("{}?clouds=false", own(&batch)));
-    let counts = json!({"jobs": 1, "clouds": 0, "held": 0});
-    assert_eq!(erased.await.expect(200).json(), counts);
+    let all = format!("{}?clouds=false", own(&batch));
+    let erased = service.delete(&all).await.expect(200).json();
+    assert_eq!(erased, json!({"jobs": 1, "clouds": 0, "held": 0}));
     for path in ["self", "events"] {
         let path = batch["links"][path].as_str().unwrap();
         service.get(path).await.expect_problem(410, "gone");

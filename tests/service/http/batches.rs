@@ -234,7 +234,7 @@ async fn there_is_room_for_all_jobs_or_none_is_made() {
     let three = spheres(&[0.0, 1.0, 2.0], &json!({"preset": "fast"}));
     let refused = service.ask(&ours, three).await;
     let problem = refused.expect_problem(429, "quota");
-    assert_eq!(problem["violated-policies"], json!(["key-queued"]));
+    assert_eq!(problem["violated-policies"], json!(["key-queued-jobs"]));
     let two = spheres(&[0.0, 1.0], &json!({"preset": "fast"}));
     service.ask(&ours, two).await.expect(202);
 }

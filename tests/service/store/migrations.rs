@@ -296,7 +296,14 @@ async fn jobs_from_before_batches_are_in_none() {
     .execute(&mut db)
     .await
     .unwrap();
-    keep(&mut db, "k", "POST /v1/jobs", Some("{}")).await;
+    sqlx::query(
+        "INSERT INTO idempotency (tenant, key, scope, request_sha256, job_id, status, created_at)
+         VALUES ('default', 'k', 'POST /v1/jobs', 'h', ?1, 202, 1)",
+    )
+    .bind(job.as_str())
+    .execute(&mut db)
+    .await
+    .unwrap();
     db.close().await.unwrap();
 
     let store = Store::open(folder.path(), Options::default())
