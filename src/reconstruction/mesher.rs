@@ -69,6 +69,7 @@ impl<'a> Mesher<'a> {
                 bounds: self.bounds,
                 resolution: self.plan.resolution(&extent, self.prepared.blocks > 0),
                 evaluation: settings.evaluation,
+                refined: settings.steps_per_spacing > 0.0,
                 projection_steps: settings.projection_steps,
                 max_triangles: MAX_TRIANGLES,
                 cancelled: stopped,

@@ -219,6 +219,24 @@ impl Field for BlockField<'_> {
         }
         Ok(())
     }
+
+    /// The spacing of the points that a block was fitted to.
+    fn detail(&self, points: &[Vec3], lengths: &mut [f64]) {
+        lengths
+            .par_iter_mut()
+            .zip(points)
+            .with_min_len(LOOKED_UP)
+            .for_each(|(length, q)| {
+                self.lookup.holding(*q, |k| {
+                    *length = length.min(self.parts[k].0.spacing());
+                });
+            });
+    }
+
+    fn finest_detail(&self) -> Option<f64> {
+        let spacings = self.parts.iter().map(|(block, _)| block.spacing());
+        spacings.reduce(f64::min)
+    }
 }
 
 #[cfg(test)]
@@ -328,6 +346,16 @@ mod tests {
                 assert!(error < 1e-4, "{:?} {axis}: {slope} {error}", places[i]);
             }
         }
+    }
+
+    #[test]
+    fn detail_is_that_of_the_finest_block_around() {
+        let field = field(CoarseInput::None);
+        let spacing = field.parts[0].0.spacing();
+        let mut lengths = [9.0; 2];
+        field.detail(&[[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], &mut lengths);
+        assert_eq!(lengths, [spacing, 9.0]);
+        assert_eq!(field.finest_detail(), Some(spacing));
     }
 
     #[test]

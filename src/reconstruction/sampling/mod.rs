@@ -21,6 +21,7 @@ mod sides;
 mod solid;
 mod stairs;
 mod strays;
+mod told;
 mod uncertainty;
 pub mod winding;
 mod working;

@@ -2,9 +2,10 @@
 
 use super::evenness::even_scale;
 use super::neighbours::{Neighbourhoods, Tree, median};
-use super::normals::{NormalSource, Normals, normals, shared};
+use super::normals::{NormalSource, shared};
 use super::sides::{LEVEL, Sides};
-use super::winding::{Oriented, Winding};
+use super::told::Told;
+use super::winding::Winding;
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::vector::{Vec3, dot, sub};
 
@@ -93,28 +94,16 @@ impl OrientedSurface {
         warnings: &mut Vec<Warning>,
     ) -> Self {
         let tree = Tree::new(&points);
-        let near = Neighbourhoods::new(&tree, &points, neighbours);
-        let Normals {
-            directions: normals,
-            source,
-            noise,
-        } = normals(&points, given, &tree, &near, warnings);
-        let spacings = near.spacings(&points);
-        let areas = near.areas(&points, &normals, &spacings);
-        let oriented = Oriented {
-            points: &points,
-            normals: &normals,
-            areas: &areas,
-            spacings: &spacings,
-        };
-        let sides = Sides::new(oriented, &near);
+        let told = Told::new(&points, given, &tree, neighbours, warnings);
+        let oriented = told.oriented(&points);
+        let sides = Sides::new(oriented, &told.near);
         Self {
             open: sides.open().then(|| OpenSheet::new(sides.levels(oriented))),
             even_points: points.len(),
             anisotropy: 1.0,
-            area: areas.iter().sum(),
-            source,
-            noise,
+            area: told.areas.iter().sum(),
+            source: told.normals.source,
+            noise: told.normals.noise,
             confidence: sides.confidence(),
             missing: sides.missing(),
             doubt: if sparse || sides.open() {
@@ -125,8 +114,8 @@ impl OrientedSurface {
             tree,
             winding: sides.winding,
             points,
-            normals,
-            spacings,
+            normals: told.normals.directions,
+            spacings: told.spacings,
         }
     }
 

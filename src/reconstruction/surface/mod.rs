@@ -1,7 +1,7 @@
 //! From a field to the closed mesh of its zero set.
 //!
 //! Sample the field on a grid ([`Evaluation::Sparse`]: only where the surface can be), triangulate
-//! with marching cubes, move the vertices onto the zero set, and drop the components that no input
+//! with marching cubes, split the triangles where there is more detail, move the vertices onto the zero set, and drop the components that no input
 //! point supports. The field counts as outside beyond the grid, so that the mesh is always closed.
 
 mod bits;
@@ -10,6 +10,7 @@ mod dense;
 mod grid;
 mod marching_cubes;
 mod projection;
+mod refinement;
 mod samples;
 mod sparse;
 mod table;
@@ -42,6 +43,15 @@ pub trait Field: Sync {
         values: &mut [f64],
         gradients: &mut [Vec3],
     ) -> Result<(), Error>;
+
+    /// Writes how short the details are that the field shows at each of `points` into `lengths`, which has the same
+    /// length; leaves those of which it knows nothing.
+    fn detail(&self, _points: &[Vec3], _lengths: &mut [f64]) {}
+
+    /// The least of them anywhere; none where nothing is known.
+    fn finest_detail(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// Most triangles of a mesh unless the caller says otherwise: about 1 GB of triangles and vertices.
@@ -56,6 +66,8 @@ pub struct Request<'a> {
     pub resolution: usize,
     /// Where the field is evaluated.
     pub evaluation: Evaluation,
+    /// Whether triangles become smaller where the field shows more detail than the grid.
+    pub refined: bool,
     /// Newton steps that move the vertices onto the zero set.
     pub projection_steps: usize,
     /// Most triangles of the mesh.
@@ -73,6 +85,7 @@ impl Request<'_> {
             bounds,
             resolution,
             evaluation: Evaluation::Sparse,
+            refined: true,
             projection_steps: 2,
             max_triangles: MAX_TRIANGLES,
             cancelled: &|| false,
@@ -116,7 +129,10 @@ pub fn extract(field: &dyn Field, request: &Request<'_>) -> Result<Extraction, E
         Evaluation::Dense => dense::sample(&mut source)?,
     };
     check_signs(&source)?;
-    let contour = contour(samples, request, &lattice)?;
+    let mut contour = contour(samples, request, &lattice)?;
+    if request.refined {
+        refinement::refine(field, request, &mut contour)?;
+    }
     let projected = projection::project(field, request, lattice.grid.spacing, &contour)?;
     Ok(Extraction {
         mesh: TriangleMesh {

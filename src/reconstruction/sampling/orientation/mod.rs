@@ -17,6 +17,7 @@ use consistency::Consistent;
 use contradiction::{Contradiction, contradiction};
 use many::Many;
 
+pub(super) use contradiction::least_contradiction;
 pub(super) use spanning::points_inwards;
 
 /// Most points between which all pairs are summed; the others follow their field.
