@@ -12,6 +12,10 @@ use crate::reconstruction::vector::Bounds;
 
 /// A cloud: its row, and what the upload found.
 #[derive(Debug, Serialize)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a member of its own in the contract"
+)]
 pub(in crate::http) struct Cloud<'a> {
     id: &'a CloudId,
     sha256: &'a str,

@@ -51,6 +51,9 @@ pub enum IdempotencyState {
     BatchGone(Tombstone),
 }
 
+/// What is known of a key whose answer told of something that was erased.
+type Gone = fn(Tombstone) -> IdempotencyState;
+
 /// What an answer tells of: it is emptied when that is erased.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Subject {
@@ -111,7 +114,7 @@ impl Acts<'_> {
                     if columns.get::<String>("request_sha256")? != request_sha256 {
                         return Ok(IdempotencyState::Mismatch);
                     }
-                    let gone: [(_, fn(Tombstone) -> IdempotencyState); 3] = [
+                    let gone: [(_, Gone); 3] = [
                         ("job_id", IdempotencyState::Gone),
                         ("cloud_id", IdempotencyState::CloudGone),
                         ("batch_id", IdempotencyState::BatchGone),
