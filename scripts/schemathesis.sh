@@ -54,7 +54,7 @@ expected-statuses = ["4xx"]
 # What fits the schema and is refused all the same: made-up bytes are no cloud (415, 422), settings
 # contradict each other or the cloud (422), a cursor is none of ours (400).
 [[operations]]
-include-path-regex = "^/v1/(audit|clouds|jobs|keys|jobs/[{]id[}]/retry)$"
+include-path-regex = "^/v1/(audit|batches|clouds|jobs|keys|jobs/[{]id[}]/retry)$"
 [operations.checks.positive_data_acceptance]
 expected-statuses = ["2xx", "304", "400", "404", "409", "410", "413", "415", "422"]
 
@@ -77,7 +77,7 @@ expected-statuses = ["2xx", "304", "404", "409", "410", "416", "422"]
 
 # A member that is null is taken as one that is left out.
 [[operations]]
-include-path-regex = "^/v1/(keys|jobs|clouds|jobs/[{]id[}]|clouds/[{]id[}]|jobs/[{]id[}]/(field|retry))$"
+include-path-regex = "^/v1/(keys|jobs|batches|clouds|jobs/[{]id[}]|clouds/[{]id[}]|jobs/[{]id[}]/(field|retry))$"
 [operations.checks.negative_data_rejection]
 expected-statuses = ["2xx", "4xx"]
 

@@ -47,6 +47,9 @@ pub(super) struct PartArguments {
     /// Take a label map that does not say how it lies in the patient as it lies in its own axes.
     #[arg(long)]
     assume_orientation: bool,
+    /// Take over patient and study of a DICOM file into the report and into a mesh that is written as DICOM.
+    #[arg(long)]
+    keep_identifiers: bool,
 }
 
 /// A label, or all parts of a file.
@@ -76,6 +79,7 @@ impl PartArguments {
         OnePart {
             choice: Some(choice),
             assume_orientation: self.assume_orientation,
+            keep_identifiers: self.keep_identifiers,
         }
     }
 
@@ -84,6 +88,7 @@ impl PartArguments {
         OnePart {
             choice: self.choices().pop(),
             assume_orientation: self.assume_orientation,
+            keep_identifiers: self.keep_identifiers,
         }
     }
 
@@ -117,6 +122,7 @@ impl PartArguments {
 pub(super) struct OnePart {
     choice: Option<Choice>,
     assume_orientation: bool,
+    keep_identifiers: bool,
 }
 
 fn options<'a>(
@@ -143,8 +149,12 @@ pub(super) fn read_cloud(
         .map(|name| name.to_string_lossy().into_owned());
     let limits = cloud::Limits::default();
     let options = options(path, &limits, part.assume_orientation);
-    let (cloud, source) = cloud::read_part(&bytes, &options, part.choice.as_ref())
-        .map_err(|error| Failure::cloud(path, &error))?;
+    let refused = |error| Failure::cloud(path, &error);
+    let read = cloud::read_part(&bytes, &options, part.choice.as_ref());
+    let (cloud, mut source) = read.map_err(refused)?;
+    if part.keep_identifiers {
+        source.identifiers = cloud::identifiers(&bytes, &limits).map_err(refused)?;
+    }
     let input = Input {
         name: name.unwrap_or_default(),
         sha256: hex::encode(Sha256::digest(&bytes)),

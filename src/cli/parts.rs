@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::Failure;
 use super::files::{PartArguments, read};
 use crate::reconstruction::cloud::{self, Found};
-use crate::reconstruction::medical::{Choice, Item, Parts};
+use crate::reconstruction::medical::{Choice, Item};
 
 /// What stands for the name and for the number of a part in the name of a file.
 const MARKS: [&str; 2] = ["{name}", "{number}"];
@@ -59,19 +59,9 @@ pub(super) fn several(path: &Path, asked: &PartArguments) -> Result<Option<Vec<P
         let detail = "has no parts to choose from; leave the choice out";
         return Err(Failure::input(path, detail));
     };
-    let chosen = chosen(&contents.parts, &choices).map_err(|error| Failure::cloud(path, &error))?;
+    let chosen = contents.parts.chosen(&choices);
+    let chosen = chosen.map_err(|error| Failure::cloud(path, &error))?;
     Ok(Some(named(&chosen)))
-}
-
-/// The items that are chosen, each once; all that are not empty without a choice.
-fn chosen<'a>(parts: &'a Parts, choices: &[Choice]) -> Result<Vec<&'a Item>, cloud::Error> {
-    let mut wanted = vec![false; parts.items.len()];
-    for choice in choices {
-        wanted[parts.choose(Some(choice))?] = true;
-    }
-    let items = parts.items.iter().zip(wanted);
-    let taken = items.filter(|(item, wanted)| *wanted || choices.is_empty() && item.slices > 0);
-    Ok(taken.map(|(item, _)| item).collect())
 }
 
 /// Names that a file can have, no two alike.
@@ -111,7 +101,7 @@ fn named(items: &[&Item]) -> Vec<Part> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reconstruction::medical::Kind;
+    use crate::reconstruction::medical::{Kind, Parts};
 
     fn item(number: i64, name: Option<&str>, slices: u64) -> Item {
         Item {
@@ -137,7 +127,7 @@ mod tests {
             kind: Kind::Segments,
             items,
         };
-        let all = named(&chosen(&parts, &[]).unwrap());
+        let all = named(&parts.chosen(&[]).unwrap());
         let paths = all
             .iter()
             .map(|part| part.path(Path::new("out/{name}.stl")).unwrap());
@@ -147,10 +137,9 @@ mod tests {
             ["out/Lung_left-1.stl", "out/lung_left-2.stl", "out/3.stl"]
         );
         let choices = [Choice::Label(3), Choice::Segment("Lung/left".to_owned())];
-        let two = named(&chosen(&parts, &choices).unwrap());
+        let two = named(&parts.chosen(&choices).unwrap());
         let numbers: Vec<_> = two.iter().map(|part| part.number).collect();
         assert_eq!(numbers, [1, 3]);
-        assert!(chosen(&parts, &[Choice::Label(9)]).is_err());
         assert!(two[0].path(Path::new("out.stl")).is_err());
         let path = two[1].path(Path::new("{number}/mesh.ply")).unwrap();
         assert_eq!(path, Path::new("3/mesh.ply"));

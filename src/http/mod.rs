@@ -27,7 +27,9 @@ use axum::routing::{MethodFilter, MethodRouter, on};
 use crate::config::Config;
 use crate::identity::Scope;
 use door::{base, keys, observe, origin, tags};
-use resources::{clouds, events, field, jobs, meshes, retention, series, session, trust, uploads};
+use resources::{
+    batches, clouds, events, field, jobs, meshes, retention, series, session, trust, uploads,
+};
 use tower::util::option_layer;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{Predicate, SizeAbove};
@@ -111,12 +113,17 @@ fn intake() -> Vec<Operation> {
         delete("/v1/uploads/{id}", WRITE, uploads::erase),
         post("/v1/jobs", WRITE, jobs::create),
         get("/v1/jobs", READ, jobs::list),
-        delete("/v1/jobs", DELETE, jobs::erase_labelled),
+        delete("/v1/jobs", DELETE, jobs::erase::of_label),
         get("/v1/jobs/{id}", READ, jobs::show),
         patch("/v1/jobs/{id}", DELETE, jobs::keep),
-        delete("/v1/jobs/{id}", DELETE, jobs::erase),
+        delete("/v1/jobs/{id}", DELETE, jobs::erase::one),
         post("/v1/jobs/{id}/cancel", WRITE, jobs::cancel),
         post("/v1/jobs/{id}/retry", WRITE, jobs::retry),
+        post("/v1/batches", WRITE, batches::create),
+        get("/v1/batches", READ, batches::list),
+        get("/v1/batches/{id}", READ, batches::show),
+        delete("/v1/batches/{id}", DELETE, batches::erase),
+        post("/v1/batches/{id}/cancel", WRITE, batches::cancel),
     ]
 }
 
@@ -125,6 +132,7 @@ fn results() -> Vec<Operation> {
     vec![
         get("/v1/events", READ, events::of_all),
         get("/v1/jobs/{id}/events", READ, events::of_job),
+        get("/v1/batches/{id}/events", READ, events::of_batch),
         get("/v1/jobs/{id}/metrics", READ, series::metrics),
         get("/v1/jobs/{id}/gradients", READ, series::gradients),
         get("/v1/jobs/{id}/mesh", READ, meshes::negotiated),

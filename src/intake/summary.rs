@@ -31,6 +31,9 @@ pub struct Summary {
     pub dropped_non_finite: u64,
     /// What the user should know.
     pub warnings: Vec<Notice>,
+    /// Whether patient and study are taken over into its meshes: whoever uploaded it asked for it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub keeps_identifiers: bool,
     /// Labels, segments or regions of interest, and how they lie in the patient; points are made of
     /// one of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -129,6 +132,7 @@ pub fn sum_up(parsed: &Parsed) -> Result<Summary, cloud::Error> {
         space: cloud.space,
         dropped_non_finite: source.dropped_non_finite as u64,
         warnings: source.warnings.iter().map(Notice::from).collect(),
+        keeps_identifiers: false,
         segmentation: parsed.segmentation.clone(),
     })
 }

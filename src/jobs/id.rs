@@ -77,6 +77,12 @@ identifier!(
     "upl"
 );
 
+identifier!(
+    /// Names a batch: `bat_` and a `UUIDv7` without hyphens.
+    BatchId,
+    "bat"
+);
+
 fn is_well_formed(text: &str, prefix: &str) -> bool {
     text.strip_prefix(prefix).is_some_and(|rest| {
         rest.len() == 32 && rest.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'))

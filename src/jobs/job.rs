@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::attempt::{FailureReason, Problem};
-use super::{CloudId, JobId};
+use super::{BatchId, CloudId, JobId};
 use crate::identity::Tenant;
 use crate::reconstruction::medical::Choice;
 use crate::reconstruction::report::Verdict;
@@ -109,6 +109,8 @@ pub struct Job {
     pub source: Option<Choice>,
     /// The job of which this is a retry.
     pub derived_from: Option<JobId>,
+    /// The batch that it was made in.
+    pub batch_id: Option<BatchId>,
     /// Those of a tenant with a higher one go first.
     pub priority: i64,
     /// When it was submitted.
@@ -223,6 +225,8 @@ pub struct JobFilter {
     pub status: Option<Status>,
     /// Only jobs of this cloud.
     pub cloud_id: Option<CloudId>,
+    /// Only jobs of this batch.
+    pub batch_id: Option<BatchId>,
     /// Only jobs that carry this label with this value, as they are written with a colon between
     /// them: a label may have colons, too.
     pub label: Option<(String, String)>,

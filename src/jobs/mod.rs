@@ -26,6 +26,7 @@
 
 pub mod assessment;
 mod attempt;
+mod batch;
 pub mod clock;
 mod cloud;
 mod error;
@@ -39,10 +40,11 @@ pub mod worker;
 
 pub use crate::reconstruction::report::Verdict;
 pub use attempt::{Claim, FailureReason, Fault, Lease, NewMesh, Problem, Record, Success};
+pub use batch::{Batch, BatchJob, Track};
 pub use cloud::{Cloud, CloudDeletion, NewCloud};
 pub use error::Error;
 pub use event::{Event, EventKind, NewEvent, Requeue};
-pub use id::{CloudId, InvalidId, JobId, UploadId};
+pub use id::{BatchId, CloudId, InvalidId, JobId, UploadId};
 pub use job::{
     Counts, Job, JobFilter, Keep, KeepChange, Lookup, NewJob, Place, Reason, Status, Tombstone,
 };

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::http::contract::expect_named;
 use crate::http::support::gzip;
-use crate::server::{Folder, Server};
+use crate::server::{Folder, PATIENCE, Server, until};
 use crate::wire::{Answer, Connection};
 
 const SIZE: usize = 24;
@@ -113,6 +113,63 @@ async fn a_label_is_chosen_and_becomes_a_mesh_in_the_patient() {
 }
 
 #[tokio::test]
+async fn three_labels_become_three_meshes_in_one_batch() {
+    let folder = Folder::new().await;
+    let server = folder.serve(&[]).await;
+    // A third label beside the two: a slab of 4 x 24 x 24 mm at the end of the first axis.
+    let mut file = label_map(1);
+    for (index, voxel) in file[352..].iter_mut().enumerate() {
+        if index % (2 * SIZE) >= 2 * SIZE - 6 && index % (2 * SIZE) < 2 * SIZE - 2 {
+            *voxel = 9;
+        }
+    }
+    let cloud = post(&server, "/v1/clouds", "", &gzip(&file)).await.json();
+    let settings = json!({"training": {"max_evaluations": 60}, "surface": {"resolution": 32}});
+    let request = json!({"clouds": [cloud["id"]], "preset": "fast", "settings": settings,
+        "source": "label:all", "labels": {"study": "x"}});
+    let mut connection = Connection::open(server.address()).await.unwrap();
+    let mut some = request.clone();
+    some["source"] = json!("label:1,7");
+    let refused = connection.post("/v1/batches", "", &some).await.unwrap();
+    assert_eq!(refused.json()["code"], "source_unknown");
+    assert_eq!(refused.json()["choices"], cloud["segmentation"]["items"]);
+    let wait = "Prefer: wait=60\r\n";
+    let made = connection
+        .post("/v1/batches", wait, &request)
+        .await
+        .unwrap();
+    let mut batch = made.json();
+    expect_named("Batch", &batch);
+    let own = format!("GET {}", batch["links"]["self"].as_str().unwrap());
+    let mut progress = 0.0;
+    while batch["status"] != "ended" {
+        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+        batch = connection.ask(&own, "", &[]).await.unwrap().json();
+        let now = batch["progress"].as_f64().unwrap();
+        assert!(now >= progress, "{now} after {progress}");
+        progress = now;
+    }
+    assert_eq!(batch["counts"]["succeeded"], 3, "{batch}");
+    let jobs = batch["jobs"].as_array().unwrap();
+    let sources: Vec<_> = jobs.iter().map(|job| job["source"].clone()).collect();
+    let labels = [1, 5, 9].map(|label| json!({"label": label}));
+    assert_eq!(sources, labels);
+    // Along the first axis, from the middle of the file: where each part is, and how wide.
+    for (job, [from, to]) in jobs.iter().zip([[4.0, 20.0], [28.0, 36.0], [42.0, 46.0]]) {
+        let path = format!("GET {}/mesh.ply", job["link"].as_str().unwrap());
+        let mesh = connection.ask(&path, "", &[]).await.unwrap();
+        let mesh = read::read(&mesh.body, None).unwrap();
+        let places = mesh.vertices.iter().map(|vertex| vertex[0] + 10.0);
+        let (least, most) = places.fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
+        assert!(
+            (least - from).abs() < 1.5 && (most - to).abs() < 1.5,
+            "{}: {least} {most}",
+            job["source"]
+        );
+    }
+}
+
+#[tokio::test]
 async fn what_lies_nowhere_is_taken_only_if_asked() {
     let folder = Folder::new().await;
     let server = folder.serve(&[]).await;
@@ -165,17 +222,84 @@ fn files_below(folder: &Path) -> Vec<PathBuf> {
     below.collect()
 }
 
-#[tokio::test]
-async fn a_patient_is_named_in_the_uploaded_file_alone() {
-    let folder = Folder::new().await;
-    let server = folder.serve(&[]).await;
-    let name = b"Zwiebelfisch^Adalberta";
+const NAME: &[u8] = b"Zwiebelfisch^Adalberta";
+
+/// A structure set with the name of a patient.
+fn of_a_patient() -> Vec<u8> {
     let mut file = include_bytes!("../numerics/medical/files/bare.dcm").to_vec();
     // The name stands before the regions, as the order of elements wants it.
     let regions = [0x06, 0x30, 0x20, 0x00];
     let at = file.windows(4).position(|tag| tag == regions).unwrap();
-    let element = [&[0x10, 0, 0x10, 0, name.len() as u8, 0, 0, 0], &name[..]].concat();
+    let element = [&[0x10, 0, 0x10, 0, NAME.len() as u8, 0, 0, 0], NAME].concat();
     file.splice(at..at, element);
+    file
+}
+
+fn names(bytes: &[u8]) -> bool {
+    bytes.windows(NAME.len()).any(|part| part == NAME)
+}
+
+/// Files below a folder that name the patient.
+fn naming(folder: &Folder) -> Vec<PathBuf> {
+    let files = files_below(folder.path()).into_iter();
+    files
+        .filter(|path| names(&fs::read(path).unwrap_or_default()))
+        .collect()
+}
+
+#[tokio::test]
+async fn a_patient_is_taken_over_if_asked_and_erased_with_the_job() {
+    let folder = Folder::new().await;
+    let server = folder.serve(&[]).await;
+    let settings = json!({"training": {"max_evaluations": 60}, "surface": {"resolution": 32}});
+    let file = of_a_patient();
+    let mut connection = Connection::open(server.address()).await.unwrap();
+    let mut run = async |upload: &str| {
+        let cloud = post(&server, upload, "", &file).await.json();
+        let request = json!({"cloud_id": cloud["id"], "preset": "fast", "settings": settings,
+            "source": {"roi": "Shell"}});
+        let wait = "Prefer: wait=120\r\n";
+        let job = connection.post("/v1/jobs", wait, &request).await.unwrap();
+        let job = job.json();
+        assert_eq!(job["status"], "succeeded", "{job}");
+        let own = job["links"]["self"].as_str().unwrap().to_owned();
+        let mesh = format!("GET {own}/mesh.dcm");
+        let mesh = connection.ask(&mesh, "", &[]).await.unwrap();
+        assert_eq!(mesh.status, 200);
+        (cloud, own, names(&mesh.body))
+    };
+    let (cloud, _, named) = run("/v1/clouds").await;
+    assert_eq!((named, &cloud["keeps_identifiers"]), (false, &json!(false)));
+    assert_eq!(naming(&folder).len(), 1);
+    let refused = post(&server, "/v1/clouds?keep=all", "", &file).await;
+    assert_eq!(refused.json()["code"], "request_invalid");
+    // The last upload of the same bytes decides.
+    let (again, job, named) = run("/v1/clouds?keep=identifiers").await;
+    assert_eq!((named, &again["id"]), (true, &cloud["id"]));
+    assert_eq!(again["keeps_identifiers"], true);
+    let (_, _, named) = run("/v1/clouds").await;
+    assert!(!named);
+    // In the row of the job, until that is erased.
+    assert!(naming(&folder).len() > 1, "{:?}", naming(&folder));
+    let erased = connection.ask(&format!("DELETE {job}"), "", &[]).await;
+    assert_eq!(erased.unwrap().status, 204);
+    let only_upload = async || {
+        let naming = naming(&folder);
+        let cloud = folder.path().join("clouds");
+        (naming.len() == 1 && naming[0].starts_with(cloud)).then_some(())
+    };
+    until("the name is in the upload alone", PATIENCE, only_upload).await;
+    let path = format!("DELETE /v1/clouds/{}", cloud["id"].as_str().unwrap());
+    let erased = connection.ask(&path, "", &[]).await;
+    assert_eq!(erased.unwrap().status, 204);
+    assert!(naming(&folder).is_empty(), "{:?}", naming(&folder));
+}
+
+#[tokio::test]
+async fn a_patient_is_named_in_the_uploaded_file_alone() {
+    let folder = Folder::new().await;
+    let server = folder.serve(&[]).await;
+    let file = of_a_patient();
     let settings = json!({"training": {"max_evaluations": 60}, "surface": {"resolution": 32}});
     let answer = post(&server, "/v1/clouds", "", &file).await;
     assert_eq!(answer.status, 201, "{:?}", answer.json());
@@ -185,14 +309,9 @@ async fn a_patient_is_named_in_the_uploaded_file_alone() {
     let wait = "Prefer: wait=120\r\n";
     let job = connection.post("/v1/jobs", wait, &request).await.unwrap();
     assert_eq!(job.json()["status"], "succeeded", "{}", job.json());
-    let names = |bytes: &[u8]| bytes.windows(name.len()).any(|part| part == name);
     assert!(!names(job.json().to_string().as_bytes()));
     assert!(!names(server.log().as_bytes()));
-    let naming = files_below(folder.path());
-    let naming = naming
-        .into_iter()
-        .filter(|path| names(&fs::read(path).unwrap()));
-    let naming: Vec<_> = naming.collect();
+    let naming = naming(&folder);
     // So it is found where it is.
     assert_eq!(naming.len(), 1, "{naming:?}");
     assert!(

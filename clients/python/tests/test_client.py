@@ -125,6 +125,36 @@ class Served(unittest.TestCase):
         for job in made:
             self.client.wait(job)
 
+    def test_a_batch_is_made_followed_and_erased_whole(self):
+        label = {"suite": os.urandom(4).hex()}
+        clouds = [sphere(300, 1), sphere(300, 2)]
+        batch = self.client.batch(clouds, preset="fast", settings=SMALL, labels=label)
+        self.assertEqual(len(batch.jobs), 2)
+        told = list(self.client.watch(batch))
+        self.assertEqual(sum(event.last for event in told), 2)
+        self.assertEqual({event.data["job_id"] for event in told}, set(batch.jobs))
+        ended = self.client.wait_batch(batch)
+        self.assertEqual((ended.progress, ended.counts["succeeded"]), (1, 2))
+        self.assertTrue(self.client.mesh(ended.jobs[1]).content("ply").startswith(b"ply"))
+        self.client.delete(batch)
+        with self.assertRaises(MeshwayError) as gone:
+            self.client.show_batch(batch)
+        self.assertEqual(gone.exception.code, "gone")
+        with self.assertRaises(MeshwayError) as refused:
+            self.client.batch([sphere(300, 1)], source="label:all")
+        self.assertEqual(refused.exception.code, "source_unknown")
+
+    def test_a_batch_is_cancelled_with_asyncio(self):
+        async def flow():
+            async with AsyncMeshway(URL) as client:
+                batch = await client.batch([sphere(300, 3), sphere(300, 4)], preset="fine")
+                await client.cancel_batch(batch)
+                ended = await client.wait_batch(batch, timeout=120)
+                self.assertEqual(ended.counts["cancelled"], 2)
+                await client.delete(ended)
+
+        asyncio.run(flow())
+
     def test_events_are_each_told_once_over_cut_connections(self):
         job = self.client.submit(sphere(), preset="fast", settings=SMALL)
         self.client.wait(job)

@@ -12,6 +12,10 @@ use crate::reconstruction::vector::Bounds;
 
 /// A cloud: its row, and what the upload found.
 #[derive(Debug, Serialize)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a member of its own in the contract"
+)]
 pub(in crate::http) struct Cloud<'a> {
     id: &'a CloudId,
     sha256: &'a str,
@@ -26,6 +30,7 @@ pub(in crate::http) struct Cloud<'a> {
     space: Space,
     dropped_non_finite: u64,
     warnings: &'a [Notice],
+    keeps_identifiers: bool,
     segmentation: Option<&'a Contents>,
     created_at: Time,
     expires_at: Option<Time>,
@@ -59,6 +64,7 @@ impl<'a> From<&'a jobs::Cloud> for Cloud<'a> {
             space: summary.space,
             dropped_non_finite: summary.dropped_non_finite,
             warnings: &summary.warnings,
+            keeps_identifiers: summary.keeps_identifiers,
             segmentation: summary.segmentation.as_deref(),
             created_at: Time(cloud.created_at),
             expires_at: cloud.expires_at.map(Time),

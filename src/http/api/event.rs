@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::Job;
+use super::{Batch, Job};
 use crate::jobs::EventKind;
 
 /// An event of a page.
@@ -48,6 +48,17 @@ pub(in crate::http) struct AllReset {
     pub(in crate::http) newest: i64,
     /// Number of jobs by status.
     pub(in crate::http) jobs: BTreeMap<&'static str, u64>,
+}
+
+/// The state of a batch, for a stream that cannot continue where it was asked to.
+#[derive(Debug, Serialize)]
+pub(in crate::http) struct BatchReset<'a> {
+    /// The oldest event that can be had.
+    pub(in crate::http) oldest: i64,
+    /// The newest event.
+    pub(in crate::http) newest: i64,
+    /// The batch.
+    pub(in crate::http) batch: Batch<'a>,
 }
 
 /// Where the results of a job are.

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::{Problem, Time};
 use crate::config::Ttl;
 use crate::jobs::assessment::Assessment;
-use crate::jobs::{self, CloudId, JobId, Status};
+use crate::jobs::{self, BatchId, CloudId, JobId, Status};
 use crate::reconstruction::medical::Choice;
 use crate::reconstruction::plan::Cost;
 use crate::reconstruction::{Phase, Preset, Settings};
@@ -30,6 +30,7 @@ pub(in crate::http) struct Job<'a> {
     labels: &'a BTreeMap<String, String>,
     source: Option<&'a Choice>,
     derived_from: Option<&'a JobId>,
+    batch_id: Option<&'a BatchId>,
     priority: i64,
     evaluations: u64,
     loss: Option<f64>,
@@ -61,6 +62,8 @@ struct Links {
     own: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     cloud: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    batch: Option<String>,
     cancel: String,
     retry: String,
     events: String,
@@ -94,6 +97,7 @@ impl<'a> Job<'a> {
             labels: &job.labels,
             source: job.source.as_ref(),
             derived_from: job.derived_from.as_ref(),
+            batch_id: job.batch_id.as_ref(),
             priority: job.priority,
             evaluations: job.evaluations,
             loss: job.loss,
@@ -118,6 +122,7 @@ impl Links {
         let cloud = || format!("/v1/clouds/{}", job.cloud_id);
         Self {
             cloud: (!job.cloud_erased).then(cloud),
+            batch: job.batch_id.as_ref().map(|id| format!("/v1/batches/{id}")),
             cancel: below("cancel"),
             retry: below("retry"),
             events: below("events"),

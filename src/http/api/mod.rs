@@ -6,6 +6,7 @@
     reason = "members are named as the contract names them"
 )]
 
+mod batch;
 mod cloud;
 mod event;
 mod job;
@@ -18,8 +19,11 @@ mod upload;
 
 use serde::Serialize;
 
+pub(in crate::http) use batch::Batch;
 pub(in crate::http) use cloud::Cloud;
-pub(in crate::http) use event::{AllReset, EventItem, EventPage, JobReset, SucceededLinks};
+pub(in crate::http) use event::{
+    AllReset, BatchReset, EventItem, EventPage, JobReset, SucceededLinks,
+};
 pub(in crate::http) use job::{DryRun, Erased, Job, Place};
 pub(in crate::http) use problem::Problem;
 pub(in crate::http) use result::{Blocks, JobItems, Series, Snapshot};

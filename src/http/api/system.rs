@@ -62,6 +62,8 @@ pub(in crate::http) struct Limits {
     pub(in crate::http) training_bytes: Option<u64>,
     /// Memory of a worker.
     pub(in crate::http) worker_memory_bytes: Option<u64>,
+    /// Jobs of a batch.
+    pub(in crate::http) batch_jobs: usize,
     /// Jobs that may wait.
     pub(in crate::http) queued_jobs: u32,
     /// Seconds of a job.

@@ -1,5 +1,6 @@
-//! The resources: clouds, jobs, what comes out of jobs, how long they are kept, and who asked for it.
+//! The resources: clouds, jobs, batches of them, what comes out of jobs, how long they are kept, and who asked for it.
 
+pub(in crate::http) mod batches;
 pub(in crate::http) mod clouds;
 pub(in crate::http) mod events;
 pub(in crate::http) mod field;

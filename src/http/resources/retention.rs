@@ -144,7 +144,7 @@ pub(in crate::http) async fn sweep(app: &AppState) -> Result<()> {
         for (id, tenant) in app.store.due_jobs(AT_ONCE).await? {
             let service = Caller::service(tenant);
             match app.store.by(&service).expire_job(&id).await {
-                Ok(_) => jobs::forget(app, id),
+                Ok(_) => jobs::erase::forget(app, id),
                 // It was held, or is kept longer, since.
                 Err(Error::Stale) => continue,
                 Err(error) => return Err(error.into()),

@@ -18,7 +18,7 @@ use crate::http::door::head;
 use crate::http::resources::events;
 use crate::http::resources::field;
 use crate::http::resources::jobs::request::{MAX_LABEL_LENGTH, MAX_LABELS, PRIORITIES};
-use crate::http::resources::uploads;
+use crate::http::resources::{batches, uploads};
 use crate::http::upload::bodies::{JSON_LIMIT, LEAST_RATE};
 use crate::http::wire::accept::preferred;
 use crate::http::wire::error::{ApiError, Code, Result};
@@ -85,6 +85,7 @@ pub(in crate::http) async fn limits(State(app): State<AppState>, _: NoQuery) -> 
         idempotency_key_characters: idempotency::MAX_KEY_LENGTH,
         idempotency_seconds: idempotency::KEPT_MS / 1_000,
         upload_keep_seconds: config.upload_keep_ms() / 1_000,
+        batch_jobs: batches::request::MOST_JOBS,
         open_uploads: uploads::MOST_OPEN,
         page_items: page::MAX_LIMIT,
         event_page_items: events::MAX_LIMIT,

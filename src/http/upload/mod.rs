@@ -33,6 +33,8 @@ pub(in crate::http) struct Upload {
     pub(in crate::http) hint: Option<Format>,
     /// Whether a label map without an orientation is taken as it lies.
     pub(in crate::http) assume_orientation: bool,
+    /// Whether patient and study are taken over into its meshes.
+    pub(in crate::http) keep_identifiers: bool,
     /// Whether it came as the fields of a page's form, which curl says of what it sends with `-d`.
     pub(in crate::http) as_fields: bool,
 }
@@ -62,6 +64,20 @@ pub(in crate::http) enum Payload {
     File(Upload, Option<Gathered>),
 }
 
+/// The parts that a form may have.
+#[derive(Debug, Clone, Copy)]
+struct Parts {
+    /// Name of a file, of which there is one or more.
+    file: &'static str,
+    /// Most files.
+    most: usize,
+    /// Name of the part of JSON, of which there may be one.
+    json: &'static str,
+}
+
+/// What a form brought: files, and the part of JSON.
+type Brought = (Vec<Upload>, Option<Gathered>);
+
 /// Reads a body: a form or JSON if `Content-Type` says so, otherwise a raw file.
 ///
 /// # Errors
@@ -71,7 +87,18 @@ pub(in crate::http) async fn receive(app: &AppState, request: Request) -> Result
     let essence = content_type.split(';').next().unwrap_or_default().trim();
     match essence.to_ascii_lowercase().as_str() {
         "application/json" => json(app, request, JSON_LIMIT).await.map(Payload::Json),
-        "multipart/form-data" => form(app, request).await,
+        "multipart/form-data" => {
+            let parts = Parts {
+                file: "file",
+                most: 1,
+                json: "job",
+            };
+            let (mut files, job) = form(app, request, parts).await?;
+            let only = files.pop();
+            let only =
+                only.ok_or_else(|| ApiError::internal("a form without a file was let in"))?;
+            Ok(Payload::File(only, job))
+        }
         essence => {
             let hint = Format::from_media_type(essence);
             let (parts, body) = request.into_parts();
@@ -87,8 +114,38 @@ pub(in crate::http) async fn receive(app: &AppState, request: Request) -> Result
                 hint,
                 as_fields,
                 assume_orientation: false,
+                keep_identifiers: false,
             };
             Ok(Payload::File(upload, None))
+        }
+    }
+}
+
+/// Reads a body with files, at most so many: a form, or JSON, which brings none.
+///
+/// # Errors
+/// As [`receive`].
+pub(in crate::http) async fn receive_several(
+    app: &AppState,
+    request: Request,
+    most: usize,
+) -> Result<Brought> {
+    let content_type = header(request.headers(), &CONTENT_TYPE)?.unwrap_or_default();
+    let essence = content_type.split(';').next().unwrap_or_default().trim();
+    match essence.to_ascii_lowercase().as_str() {
+        "application/json" => Ok((Vec::new(), Some(json(app, request, JSON_LIMIT).await?))),
+        "multipart/form-data" => {
+            let parts = Parts {
+                file: "cloud",
+                most,
+                json: "request",
+            };
+            form(app, request, parts).await
+        }
+        _ => {
+            let detail = "send a form with a part cloud for each file, as curl does with \
+                          -F cloud=@a.ply -F cloud=@b.ply, or JSON that names clouds";
+            Err(ApiError::new(Code::UnsupportedFormat, detail))
         }
     }
 }
@@ -130,7 +187,7 @@ async fn raw(app: &AppState, headers: &HeaderMap, body: Body) -> Result<Spooled>
     receiver.finish().await
 }
 
-async fn form(app: &AppState, request: Request) -> Result<Payload> {
+async fn form(app: &AppState, request: Request, known: Parts) -> Result<Brought> {
     let encoding = header(request.headers(), &CONTENT_ENCODING)?;
     if Encoding::of(encoding)? != Encoding::Identity {
         let detail = "a form is taken without Content-Encoding; send the file itself encoded";
@@ -143,7 +200,7 @@ async fn form(app: &AppState, request: Request) -> Result<Payload> {
     let mut form = Multipart::from_request(request, &())
         .await
         .map_err(|error| ApiError::new(Code::MalformedMultipart, error.body_text()))?;
-    let (mut upload, mut job) = (None, None);
+    let (mut files, mut document) = (Vec::new(), None);
     while let Some(mut part) = pace
         .wait(form.next_field())
         .await?
@@ -151,25 +208,33 @@ async fn form(app: &AppState, request: Request) -> Result<Payload> {
     {
         let name = part.name().unwrap_or_default().to_owned();
         match name.as_str() {
-            "file" if upload.is_none() => upload = Some(file_part(app, &mut pace, part).await?),
-            "job" if job.is_none() => {
+            name if name == known.file && files.len() < known.most => {
+                files.push(file_part(app, &mut pace, part).await?);
+            }
+            name if name == known.json && document.is_none() => {
                 let mut body = app.bodies.gather(None, JSON_LIMIT).await?;
                 while let Some(chunk) = next_of(&mut pace, &mut part).await? {
                     body.push(&chunk)?;
                 }
-                job = Some(body);
+                document = Some(body);
             }
             _ => {
-                let detail = format!(
-                    "part {name:.40}: one part named file and at most one named job are taken"
-                );
+                let Parts { file, most, json } = known;
+                let files = match most {
+                    1 => format!("one part named {file}"),
+                    most => format!("1 to {most} parts named {file}"),
+                };
+                let detail =
+                    format!("part {name:.40}: {files} and at most one named {json} are taken");
                 return Err(ApiError::new(Code::MalformedMultipart, detail));
             }
         }
     }
-    let upload = upload
-        .ok_or_else(|| ApiError::new(Code::MalformedMultipart, "the form has no part file"))?;
-    Ok(Payload::File(upload, job))
+    if files.is_empty() {
+        let detail = format!("the form has no part {}", known.file);
+        return Err(ApiError::new(Code::MalformedMultipart, detail));
+    }
+    Ok((files, document))
 }
 
 async fn file_part(app: &AppState, pace: &mut Pace, mut part: Field<'_>) -> Result<Upload> {
@@ -187,6 +252,7 @@ async fn file_part(app: &AppState, pace: &mut Pace, mut part: Field<'_>) -> Resu
         hint,
         as_fields: false,
         assume_orientation: false,
+        keep_identifiers: false,
     })
 }
 

@@ -130,6 +130,13 @@ impl ApiError {
         self
     }
 
+    /// The same about one of several clouds, which it names by its place, from 1.
+    #[must_use]
+    pub fn of_cloud(mut self, place: usize) -> Self {
+        self.detail = format!("cloud {place}: {}", self.detail);
+        self.with("cloud", place.into())
+    }
+
     /// The same with a header.
     #[must_use]
     pub fn with_header(mut self, name: HeaderName, value: HeaderValue) -> Self {

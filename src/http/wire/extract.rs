@@ -273,6 +273,18 @@ pub(in crate::http) fn switch(value: String) -> std::result::Result<bool, String
     }
 }
 
+/// For [`Query::take`]: what is taken over of a file besides its geometry, which may be `identifiers`.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the shape that take asks for"
+)]
+pub(in crate::http) fn kept(value: String) -> std::result::Result<bool, String> {
+    match value.as_str() {
+        "identifiers" => Ok(true),
+        _ => Err("must be identifiers: patient and study of a DICOM file".to_owned()),
+    }
+}
+
 /// JSON pointer of a top-level name (RFC 6901).
 fn pointer(name: &str) -> String {
     format!("/{}", name.replace('~', "~0").replace('/', "~1"))

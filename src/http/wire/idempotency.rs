@@ -15,11 +15,11 @@ use crate::http::AppState;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::header;
 use crate::identity::Caller;
-use crate::jobs::{self, Idempotency, IdempotencyState, Job, StoredResponse, Subject};
+use crate::jobs::{self, Idempotency, IdempotencyState, StoredResponse, Subject};
 
 /// The header that carries the key.
 pub(in crate::http) const KEY: HeaderName = HeaderName::from_static("idempotency-key");
-const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
+pub(in crate::http) const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 
 /// Longest key.
 pub(in crate::http) const MAX_KEY_LENGTH: usize = 255;
@@ -102,7 +102,7 @@ impl Request {
     ///
     /// # Errors
     /// [`Code::IdempotencyInFlight`], [`Code::IdempotencyMismatch`], [`Code::Gone`] where the
-    /// answer was a job or a cloud that was erased since, and those of the store.
+    /// answer was a job, a cloud or a batch that was erased since, and those of the store.
     pub(in crate::http) async fn begin(self, app: &AppState) -> Result<Begun> {
         let Some(key) = self.key else {
             return Ok(Begun::New(Attempt(None)));
@@ -123,6 +123,7 @@ impl Request {
             IdempotencyState::Replay(stored) => replay(stored).map(Begun::Replay),
             IdempotencyState::Gone(tombstone) => Err(ApiError::gone("job", &tombstone)),
             IdempotencyState::CloudGone(tombstone) => Err(ApiError::gone("cloud", &tombstone)),
+            IdempotencyState::BatchGone(tombstone) => Err(ApiError::gone("batch", &tombstone)),
             IdempotencyState::InFlight => Err(ApiError::new(
                 Code::IdempotencyInFlight,
                 "the first request with this Idempotency-Key is being worked on",
@@ -155,11 +156,11 @@ struct Open {
 }
 
 impl Attempt {
-    /// For [`crate::jobs::store::Acts::submit`], which keeps the answer with the job.
-    pub(in crate::http) fn with_job(
+    /// For [`crate::jobs::store::Acts::submit`] and its like, which keep the answer with what is made.
+    pub(in crate::http) fn with<T>(
         &self,
-        respond: impl FnOnce(&Job) -> StoredResponse + Send + 'static,
-    ) -> Option<Idempotency> {
+        respond: impl FnOnce(&T) -> StoredResponse + Send + 'static,
+    ) -> Option<Idempotency<T>> {
         let open = self.0.as_ref()?;
         Some(Idempotency {
             key: open.key.clone(),
@@ -168,7 +169,7 @@ impl Attempt {
         })
     }
 
-    /// Forgets nothing: the answer was kept with the job.
+    /// Forgets nothing: the answer was kept with what was made.
     pub(in crate::http) fn kept(mut self) {
         self.0 = None;
     }

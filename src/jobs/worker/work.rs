@@ -109,8 +109,11 @@ pub fn reconstruction(
         // Whoever uploaded the file had to allow it.
         assume_orientation: true,
     };
-    let (points, source) =
+    let (points, mut source) =
         cloud::read_part(&bytes, &options, assignment.source.as_ref()).map_err(Error::from)?;
+    if assignment.cloud.summary.keeps_identifiers {
+        source.identifiers = cloud::identifiers(&bytes, &limits).map_err(Error::from)?;
+    }
     drop(bytes);
     for warning in &source.warnings {
         observer.event(Event::Warning(warning));

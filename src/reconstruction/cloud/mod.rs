@@ -39,7 +39,7 @@ use super::vector::{Bounds, Vec3, multiplied};
 pub use error::Error;
 pub use format::Format;
 pub use ply::MAX_HEADER_BYTES;
-pub use read::{Found, Limits, Opened, Options, Source, look, open, read, read_part};
+pub use read::{Found, Limits, Opened, Options, Source, identifiers, look, open, read, read_part};
 pub(super) use read::{content, unpack};
 pub use validate::MIN_POINTS;
 pub(super) use validate::{MAX_COORDINATE, enough_points};

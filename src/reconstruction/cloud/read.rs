@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::format::Reader;
 use super::{Error, Format, PointCloud};
 use crate::reconstruction::Warning;
-use crate::reconstruction::medical::{Choice, Contents, Reading, Segmentation};
+use crate::reconstruction::medical::{self, Choice, Contents, Reading, Segmentation};
 use crate::reconstruction::slices::{Builder, Grid, Identifiers, Record};
 use crate::reconstruction::space::Space;
 
@@ -153,6 +153,19 @@ pub fn look(bytes: &[u8], options: &Options<'_>) -> Result<(Found, Source), Erro
             }
         })
     })
+}
+
+/// Patient and study of a DICOM file, for those who ask for them; none of other files.
+///
+/// # Errors
+/// As [`read`].
+pub fn identifiers(bytes: &[u8], limits: &Limits) -> Result<Option<Identifiers>, Error> {
+    let unpacked = unpack(bytes, limits)?;
+    let bytes = content(&unpacked)?;
+    if !medical::is_dicom(bytes) {
+        return Ok(None);
+    }
+    medical::identifiers(bytes, limits.max_expanded_bytes).map(Some)
 }
 
 /// A file that was opened.

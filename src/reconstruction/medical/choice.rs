@@ -48,6 +48,22 @@ impl Choice {
         }
     }
 
+    /// Reads one part or several: `label:1,3`, and `label:all`, which is every part of a file, whatever it is
+    /// called, and gives an empty list. Names may have commas, so that a segment or a region stands alone.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn parse_several(text: &str) -> Result<Vec<Self>, String> {
+        match text.strip_prefix("label:") {
+            Some("all") => Ok(Vec::new()),
+            Some(values) => {
+                let one = |value: &str| Self::parse(&format!("label:{}", value.trim()));
+                values.split(',').map(one).collect()
+            }
+            None => Self::parse(text).map(|choice| vec![choice]),
+        }
+    }
+
     fn chooses(&self, item: &Item) -> bool {
         match self {
             Self::Label(value) => item.number == *value,
@@ -115,6 +131,20 @@ impl Parts {
                 found.len()
             ))),
         }
+    }
+
+    /// The items that are chosen, each once, in the order of the file; all that are not empty without a choice.
+    ///
+    /// # Errors
+    /// As [`Parts::choose`].
+    pub fn chosen(&self, choices: &[Choice]) -> Result<Vec<&Item>, Error> {
+        let mut wanted = vec![false; self.items.len()];
+        for choice in choices {
+            wanted[self.choose(Some(choice))?] = true;
+        }
+        let items = self.items.iter().zip(wanted);
+        let taken = items.filter(|(item, wanted)| *wanted || choices.is_empty() && item.slices > 0);
+        Ok(taken.map(|(item, _)| item).collect())
     }
 
     /// The items in words, as far as a message has room.
@@ -191,6 +221,25 @@ mod tests {
         assert_eq!(choose("roi:Lung").unwrap_err().code(), "source_unknown");
         assert_eq!(choose("label:9").unwrap_err().code(), "source_unknown");
         assert_eq!(parts.choose(None).unwrap_err().code(), "source_missing");
+    }
+
+    #[test]
+    fn several_are_taken_once_each_and_all_without_the_empty_ones() {
+        let mut parts = parts();
+        let numbers = |parts: &Parts, text: &str| {
+            let chosen = parts.chosen(&Choice::parse_several(text).unwrap());
+            let numbers =
+                chosen.map(|items| items.iter().map(|item| item.number).collect::<Vec<_>>());
+            numbers.map_err(|error| error.code())
+        };
+        assert_eq!(numbers(&parts, "label:3, 1,3"), Ok(vec![1, 3]));
+        assert_eq!(numbers(&parts, "roi:Heart"), Ok(vec![1]));
+        assert_eq!(numbers(&parts, "label:1,9"), Err("source_unknown"));
+        parts.items[1].slices = 0;
+        assert_eq!(numbers(&parts, "label:all"), Ok(vec![1, 3]));
+        assert!(
+            Choice::parse_several("label:1,").is_err() && Choice::parse_several("all").is_err()
+        );
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub use affine::Affine;
 pub use choice::Choice;
 pub use contents::{Contents, Item, Kind, Parts};
 
-pub(super) use dicom::{is_dicom, read as dicom};
+pub(super) use dicom::{identifiers, is_dicom, read as dicom};
 pub(super) use metaimage::{is_metaimage, read as metaimage};
 pub(super) use nifti::{is_nifti, read as nifti};
 pub(super) use nrrd::{is_nrrd, read as nrrd};

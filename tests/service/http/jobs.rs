@@ -294,7 +294,7 @@ async fn what_cannot_be_read_as_a_request_is_told_by_its_part() {
         .expect_problem(413, "body_too_large");
     let query = service.post_json("/v1/jobs?dry_rum=1", &json!({})).await;
     let problem = query.expect_problem(422, "request_invalid");
-    let detail = "is unknown; known are: dry_run, preset, source, assume_orientation, ttl; did you mean dry_run?";
+    let detail = "is unknown; known are: dry_run, preset, source, assume_orientation, keep, ttl; did you mean dry_run?";
     assert_eq!(problem["errors"][0]["detail"], detail);
     let body = sphere_xyz(60, 0.0);
     let broken = [("file", "", body.as_bytes()), ("job", "", b"{".as_slice())];

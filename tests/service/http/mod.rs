@@ -1,6 +1,8 @@
 //! The API, asked in the same process unless a test says otherwise.
 
 mod addresses;
+mod batch_life;
+mod batches;
 mod clouds;
 mod colors;
 pub(crate) mod contract;

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use tower::ServiceExt;
 
 use crate::http::contract::expect_contract;
-use crate::http::support::{Answer, Service, sphere_xyz, tetrahedron};
+use crate::http::support::{Answer, Service, json_request, sphere_xyz, tetrahedron};
 use crate::server::{PATIENCE, until};
 
 /// A key of a tenant with some of the scopes.
@@ -79,11 +79,12 @@ pub(crate) async fn finish(service: &Service) -> Claim {
     claim
 }
 
-/// The path of an operation, with the ids of a cloud, a job and an upload in it.
-pub(crate) fn filled(path: &str, [cloud, job, upload]: [&str; 3]) -> String {
+/// The path of an operation, with the ids of a cloud, a job, an upload and a batch in it.
+pub(crate) fn filled(path: &str, [cloud, job, upload, batch]: [&str; 4]) -> String {
     let id = match path.split('/').nth(2) {
         Some("clouds") => cloud,
         Some("uploads") => upload,
+        Some("batches") => batch,
         _ => job,
     };
     path.replace("{id}", id)
@@ -128,6 +129,11 @@ async fn what_belongs_to_another_tenant_is_not_there_on_any_route() {
     let begun = service.ask(&ours, begin.body(Body::empty()).unwrap()).await;
     let upload = begun.expect(201).header("location").to_owned();
     let upload = upload.rsplit('/').next().unwrap();
+    let manifest = json!({"clouds": [job["cloud_id"]], "preset": "fast"});
+    let batch = service
+        .ask(&ours, json_request("/v1/batches", &manifest))
+        .await;
+    let batch = batch.expect(202).json()["id"].as_str().unwrap().to_owned();
     let (cloud, job) = (
         job["cloud_id"].as_str().unwrap(),
         job["id"].as_str().unwrap(),
@@ -136,13 +142,14 @@ async fn what_belongs_to_another_tenant_is_not_there_on_any_route() {
         "cld_00000000000000000000000000000000",
         "job_00000000000000000000000000000000",
         "upl_00000000000000000000000000000000",
+        "bat_00000000000000000000000000000000",
     ];
     let mut walked = 0;
     for (method, path, _) in operations()
         .iter()
         .filter(|(_, path, _)| path.contains("{id}"))
     {
-        let foreign = request(method, &filled(path, [cloud, job, upload]));
+        let foreign = request(method, &filled(path, [cloud, job, upload, &batch]));
         let foreign = service.ask(&theirs, foreign).await;
         assert_eq!(
             foreign.status,
@@ -154,15 +161,16 @@ async fn what_belongs_to_another_tenant_is_not_there_on_any_route() {
         assert_eq!(bare(&foreign), bare(&missing), "{method} {path}");
         walked += 1;
     }
-    assert!(walked >= 21, "{walked} routes: were they renamed?");
+    assert!(walked >= 25, "{walked} routes: were they renamed?");
     // It is all still there, for whom it belongs to.
     for path in [
         "/v1/jobs/{id}",
         "/v1/jobs/{id}/mesh.{format}",
         "/v1/clouds/{id}/content",
         "/v1/uploads/{id}",
+        "/v1/batches/{id}",
     ] {
-        let path = filled(path, [cloud, job, upload]);
+        let path = filled(path, [cloud, job, upload, &batch]);
         service.fetch(&ours, &path).await.expect(200);
     }
     // Nor can it be named.
@@ -172,11 +180,15 @@ async fn what_belongs_to_another_tenant_is_not_there_on_any_route() {
         .body(named.into());
     let named = service.ask(&theirs, named.unwrap()).await;
     named.expect_problem(422, "cloud_missing");
+    let named = service.ask(&theirs, json_request("/v1/batches", &manifest));
+    named.await.expect_problem(422, "cloud_missing");
     for list in [
         "/v1/clouds",
         "/v1/jobs",
+        "/v1/batches",
         "/v1/events",
         &format!("/v1/jobs?cloud_id={cloud}"),
+        &format!("/v1/jobs?batch_id={batch}"),
     ] {
         let list = Request::get(list).header("accept", "application/json");
         let answer = service
@@ -185,13 +197,14 @@ async fn what_belongs_to_another_tenant_is_not_there_on_any_route() {
         assert_eq!(answer.expect(200).json()["items"], json!([]));
     }
     // An erased one was never here, for the others.
-    for path in [
-        format!("/v1/jobs/{job}"),
-        format!("/v1/clouds/{cloud}"),
-        format!("/v1/uploads/{upload}"),
+    for (path, status) in [
+        (format!("/v1/batches/{batch}"), 200),
+        (format!("/v1/jobs/{job}"), 204),
+        (format!("/v1/clouds/{cloud}"), 204),
+        (format!("/v1/uploads/{upload}"), 204),
     ] {
         let erase = Request::delete(&path).body(Body::empty()).unwrap();
-        service.ask(&ours, erase).await.expect(204);
+        service.ask(&ours, erase).await.expect(status);
         service
             .fetch(&ours, &path)
             .await
@@ -216,7 +229,7 @@ async fn each_route_asks_for_its_scope_and_for_nothing_else() {
     });
     configure(&service, &with.iter().chain(&without).collect::<Vec<_>>());
     for (method, path, scope) in operations() {
-        let filled = filled(path, ["cld_0", "job_0", "upl_0"]);
+        let filled = filled(path, ["cld_0", "job_0", "upl_0", "bat_0"]);
         let nobody = service.send(request(&method, &filled)).await;
         let Some(scope) = scope else {
             assert_ne!(nobody.status, StatusCode::UNAUTHORIZED, "{method} {path}");

@@ -30,7 +30,8 @@ async fn each_act_leaves_one_row_and_each_read_of_a_surface() {
         ("/v1/clouds/{id}/points", ("accept", "*/*")),
         ("/v1/jobs/{id}", ("accept", "*/*")),
     ] {
-        let request = Request::get(filled(path, [cloud, job, "upl_0"])).header(header.0, header.1);
+        let request =
+            Request::get(filled(path, [cloud, job, "upl_0", "bat_0"])).header(header.0, header.1);
         let answer = service
             .ask(&ours, request.body(Body::empty()).unwrap())
             .await;

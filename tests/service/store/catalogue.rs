@@ -2,7 +2,7 @@
 
 use meshway::jobs::store::CHUNK_BYTES;
 use meshway::jobs::{
-    CloudId, Error, FailureReason, Idempotency, IdempotencyState, JobFilter, Lookup, NewMesh,
+    CloudId, Error, FailureReason, Idempotency, IdempotencyState, Job, JobFilter, Lookup, NewMesh,
     Record, Status, StoredResponse,
 };
 use meshway::reconstruction::training::{GradientHistogram, Metrics};
@@ -59,7 +59,7 @@ async fn the_answer_to_a_submission_is_in_the_jobs_own_transaction() {
         Some(Idempotency {
             key: key.to_owned(),
             scope: "POST".to_owned(),
-            respond: Box::new(|job| response(job.id.as_str())),
+            respond: Box::new(|job: &Job| response(job.id.as_str())),
         })
     };
     let refused = bench
@@ -275,7 +275,7 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
     let keep = Idempotency {
         key: "k".to_owned(),
         scope: "POST".to_owned(),
-        respond: Box::new(|job| response(job.id.as_str())),
+        respond: Box::new(|job: &Job| response(job.id.as_str())),
     };
     let job = bench
         .acts()

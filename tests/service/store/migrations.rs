@@ -76,6 +76,30 @@ pub(crate) const TENTH: [(&str, &str); 10] = [
     ),
 ];
 
+/// Those of the version before batches.
+const FOURTEENTH: [(&str, &str); 14] = [
+    TENTH[0],
+    TENTH[1],
+    TENTH[2],
+    TENTH[3],
+    TENTH[4],
+    TENTH[5],
+    TENTH[6],
+    TENTH[7],
+    TENTH[8],
+    TENTH[9],
+    ("turns", include_str!("../../../migrations/0011_turns.sql")),
+    ("keys", include_str!("../../../migrations/0012_keys.sql")),
+    (
+        "uploads",
+        include_str!("../../../migrations/0013_uploads.sql"),
+    ),
+    (
+        "retention",
+        include_str!("../../../migrations/0014_retention.sql"),
+    ),
+];
+
 /// A database as the version with these migrations made it.
 pub(crate) async fn database(
     folder: &Path,
@@ -255,4 +279,52 @@ async fn what_older_databases_hold_is_kept_until_somebody_erases_it() {
             .is_some_and(|job| job.hold && job.expires_at.is_some())
     );
     assert!(store.by(us()).delete_job(&job).await.is_err());
+}
+
+#[tokio::test]
+async fn jobs_from_before_batches_are_in_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut db = database(folder.path(), &FOURTEENTH).await;
+    let job = JobId::new();
+    let settings = serde_json::to_string(&Preset::Fast.settings()).unwrap();
+    sqlx::query(
+        "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, created_at, progress)
+         VALUES (?1, ?2, 'queued', 'fast', ?3, '{}', 1, 0.5)",
+    )
+    .bind(job.as_str())
+    .bind(CloudId::new().as_str())
+    .bind(settings)
+    .execute(&mut db)
+    .await
+    .unwrap();
+    sqlx::query(
+        "INSERT INTO idempotency (tenant, key, scope, request_sha256, job_id, status, created_at)
+         VALUES ('default', 'k', 'POST /v1/jobs', 'h', ?1, 202, 1)",
+    )
+    .bind(job.as_str())
+    .execute(&mut db)
+    .await
+    .unwrap();
+    db.close().await.unwrap();
+
+    let store = Store::open(folder.path(), Options::default())
+        .await
+        .unwrap();
+    let found = store.of(ours()).job(&job).await.unwrap().found().unwrap();
+    assert_eq!(found.batch_id, None);
+    assert!(
+        store
+            .of(ours())
+            .list_batches(None, 10)
+            .await
+            .unwrap()
+            .is_empty()
+    );
+    let state = store.by(us()).idempotency_begin("k", "POST /v1/jobs", "h");
+    let state = state.await.unwrap();
+    assert!(matches!(state, IdempotencyState::Replay(_)), "{state:?}");
+    // Claimed and begun anew, though it goes back to 0, and erased.
+    let claim = store.claim("worker-0-1", 60_000).await.unwrap().unwrap();
+    assert_eq!(claim.job_id(), &job);
+    store.by(us()).delete_job(&job).await.unwrap();
 }

@@ -204,6 +204,7 @@ pub(crate) fn summary(format: Format, points: u64) -> Summary {
         space: Space::default(),
         dropped_non_finite: 0,
         warnings: Vec::new(),
+        keeps_identifiers: false,
         segmentation: None,
     }
 }

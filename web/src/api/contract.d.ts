@@ -244,6 +244,74 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/batches": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /** List batches, newest first, without their jobs. */
+        get: operations["listBatches"];
+        put?: never;
+        /**
+         * Submit jobs for many clouds, or for many parts of one.
+         * @description As a form it brings the clouds along, each as a part `cloud`, and may have a part `request` (the JSON without `clouds`); together the files may have `body_bytes` of `/v1/limits`. As JSON it names clouds that are here, such as those of `/v1/uploads`. Preset, settings, labels, priority and `ttl` are those of every job. `source` makes a job of each part that is chosen. All jobs are made or none: where one cloud cannot be used the whole request is refused, with its place in the member `cloud`, counted from 1, and no cloud is kept. Where there is no room for all jobs, the clouds that came are kept and none of the jobs is made. Each job counts towards the limits of its own. A repeated request with its `Idempotency-Key` is answered with the batch as it is then.
+         */
+        post: operations["createBatch"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/batches/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a batch. */
+                id: components["parameters"]["BatchId"];
+            };
+            cookie?: never;
+        };
+        /** Describe a batch and its jobs. */
+        get: operations["getBatch"];
+        put?: never;
+        post?: never;
+        /**
+         * Erase all jobs of a batch.
+         * @description With all their results, in any state, and with their clouds where no other job names them. The batch goes with the last of its jobs; where some are held, it stays with them. A request that broke off is sent again: it erases the rest.
+         */
+        delete: operations["deleteBatch"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/batches/{id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a batch. */
+                id: components["parameters"]["BatchId"];
+            };
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel all jobs of a batch.
+         * @description The answer is the batch as it is; jobs that have ended stay as they are, and running ones are asked to stop.
+         */
+        post: operations["cancelBatch"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/events": {
         parameters: {
             query?: never;
@@ -279,6 +347,29 @@ export interface paths {
          * @description Server-sent events with ids 1, 2, 3, … without a gap or a repeat, from the first one or after an id. After the last event the stream closes; coming back after it is answered with 204. The stream of a job that is erased closes at once.
          */
         get: operations["streamJobEvents"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/batches/{id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a batch. */
+                id: components["parameters"]["BatchId"];
+            };
+            cookie?: never;
+        };
+        /**
+         * Follow the events of all jobs of a batch.
+         * @description Server-sent events as those of `/v1/events`, of the jobs of the batch alone, from the first one or after an id. Ids grow, with gaps. After the last event of the last job the stream closes; coming back after it is answered with 204.
+         */
+        get: operations["streamBatchEvents"];
         put?: never;
         post?: never;
         delete?: never;
@@ -791,6 +882,8 @@ export interface components {
         CloudId: string;
         /** @example upl_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b */
         UploadId: string;
+        /** @example bat_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b */
+        BatchId: string;
         /** @example job_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b */
         JobId: string;
         /**
@@ -869,6 +962,8 @@ export interface components {
             retryable: boolean;
             /** @description Under which the log tells more. */
             request_id?: string;
+            /** @description Of a batch: which of its clouds it is about, by its place. */
+            cloud?: number;
             /** @description What is at fault, all of it. */
             errors: components["schemas"]["ProblemError"][];
         };
@@ -945,7 +1040,7 @@ export interface components {
              * @example cloud.create
              */
             event: string;
-            /** @description Id of a cloud or a job, or what was refused. */
+            /** @description Id of a cloud, a job or a batch, or what was refused. */
             object: string;
             /**
              * @description 0 done, 8 refused.
@@ -1007,6 +1102,8 @@ export interface components {
             dropped_non_finite: number | null;
             /** @description What is used otherwise than it was sent, with counts: `points_not_finite`, `duplicate_points`, `normals_not_finite`, `normals_zero`, `normals_not_unit`, `normals_ignored`; how columns were understood: `columns_ignored`, `columns_ambiguous`, `header_ignored`, `preamble_skipped`, `labels_used`, `labels_ignored`, `array_transposed`, `format_by_content`; `coordinates_coarse`: digits were lost; of a segmentation: `qform_differs`, `space_missing`, `directions_missing`, `unit_converted`, `voxels_not_finite`, `frames_repeated`, `contours_too_short`, `contours_open`, `contours_not_parallel`, `contours_repeated`, `contours_damaged`. */
             warnings: components["schemas"]["Warning"][] | null;
+            /** @description Whether patient and study are taken over into `mesh.dcm` and the report of its jobs. */
+            keeps_identifiers?: boolean;
             /** @description What a medical file holds; null for points. */
             segmentation?: components["schemas"]["Segmentation"] | null;
             created_at: components["schemas"]["Time"];
@@ -1110,6 +1207,145 @@ export interface components {
             source?: components["schemas"]["Source"];
             priority?: components["schemas"]["Priority"];
             ttl?: components["schemas"]["JobTtl"];
+        };
+        /**
+         * @description Parts of a medical file: `label:1,3` by their numbers, `label:all` all that are not empty, whatever the file calls its parts; `segment:NAME` and `roi:NAME` one of them.
+         * @example label:1,3
+         * @example label:all
+         */
+        SeveralSources: string;
+        /**
+         * @description Parts of each cloud, with a job for each: as a text, as what a job takes, or as a list of that. Without it each cloud has one job.
+         * @example label:all
+         * @example [
+         *       {
+         *         "segment": "Liver"
+         *       },
+         *       {
+         *         "segment": "Spleen"
+         *       }
+         *     ]
+         */
+        BatchSource: components["schemas"]["SeveralSources"] | components["schemas"]["Source"] | components["schemas"]["Source"][];
+        /**
+         * @description What is asked of every cloud of a batch.
+         * @example {
+         *       "preset": "fast",
+         *       "labels": {
+         *         "study": "x"
+         *       }
+         *     }
+         */
+        BatchRequest: {
+            source?: components["schemas"]["BatchSource"];
+            preset?: components["schemas"]["PresetName"];
+            settings?: components["schemas"]["Settings"];
+            labels?: components["schemas"]["Labels"];
+            priority?: components["schemas"]["Priority"];
+            ttl?: components["schemas"]["JobTtl"];
+        };
+        NewBatch: {
+            /** @description Clouds that are here, in the order of their jobs. */
+            clouds: components["schemas"]["CloudId"][];
+            source?: components["schemas"]["BatchSource"];
+            preset?: components["schemas"]["PresetName"];
+            settings?: components["schemas"]["Settings"];
+            labels?: components["schemas"]["Labels"];
+            priority?: components["schemas"]["Priority"];
+            ttl?: components["schemas"]["JobTtl"];
+        };
+        BatchJob: {
+            id: components["schemas"]["JobId"];
+            cloud_id: components["schemas"]["CloudId"];
+            /** @description The part of the file that was chosen. */
+            source: components["schemas"]["Source"] | null;
+            status: components["schemas"]["Status"];
+            progress: number;
+            verdict: components["schemas"]["Verdict"] | null;
+            /** @description Why it failed. */
+            error: components["schemas"]["ProblemCode"] | null;
+            /** @description The job. */
+            link: string;
+        };
+        /**
+         * @description Jobs that were submitted together. It goes with the last of them.
+         * @example {
+         *       "id": "bat_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b",
+         *       "status": "running",
+         *       "progress": 0.75,
+         *       "total": 2,
+         *       "counts": {
+         *         "queued": 0,
+         *         "running": 1,
+         *         "succeeded": 1,
+         *         "failed": 0,
+         *         "cancelled": 0,
+         *         "erased": 0
+         *       },
+         *       "preset": "fast",
+         *       "labels": {
+         *         "study": "x"
+         *       },
+         *       "created_at": "2026-11-22T04:15:00.000Z",
+         *       "jobs": [
+         *         {
+         *           "id": "job_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b",
+         *           "cloud_id": "cld_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b",
+         *           "source": null,
+         *           "status": "succeeded",
+         *           "progress": 1,
+         *           "verdict": "good",
+         *           "error": null,
+         *           "link": "/v1/jobs/job_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b"
+         *         },
+         *         {
+         *           "id": "job_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6c",
+         *           "cloud_id": "cld_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6c",
+         *           "source": null,
+         *           "status": "running",
+         *           "progress": 0.5,
+         *           "verdict": null,
+         *           "error": null,
+         *           "link": "/v1/jobs/job_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6c"
+         *         }
+         *       ],
+         *       "links": {
+         *         "self": "/v1/batches/bat_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b"
+         *       }
+         *     }
+         */
+        Batch: {
+            id: components["schemas"]["BatchId"];
+            /**
+             * @description `queued` before the first job begins, `ended` after the last one, however they ended.
+             * @enum {string}
+             */
+            status: "queued" | "running" | "ended";
+            /** @description Mean of its jobs; one that has ended or was erased counts as done. It never goes back. */
+            progress: number;
+            /** @description Jobs that it had at first. */
+            total: number;
+            /** @description Number of jobs by status, and of those that were erased. */
+            counts: {
+                queued: number;
+                running: number;
+                succeeded: number;
+                failed: number;
+                cancelled: number;
+                erased: number;
+            } & {
+                [key: string]: number;
+            };
+            preset: components["schemas"]["PresetName"];
+            labels: components["schemas"]["Labels"];
+            created_at: components["schemas"]["Time"];
+            /** @description In the order of clouds and parts, without those that were erased; lists of batches leave it out. */
+            jobs?: components["schemas"]["BatchJob"][];
+            links: components["schemas"]["Links"];
+        };
+        BatchPage: {
+            items: components["schemas"]["Batch"][];
+            next_cursor: string | null;
         };
         Retry: {
             preset?: components["schemas"]["PresetName"];
@@ -1300,6 +1536,8 @@ export interface components {
             source?: components["schemas"]["Source"] | null;
             /** @description The job of which this is a retry. */
             derived_from: components["schemas"]["JobId"] | null;
+            /** @description The batch that it was made in; a retry is in none. */
+            batch_id?: components["schemas"]["BatchId"] | null;
             created_at: components["schemas"]["Time"];
             started_at: components["schemas"]["Time"] | null;
             finished_at: components["schemas"]["Time"] | null;
@@ -1946,7 +2184,7 @@ export interface components {
             least_points: number;
             /** @description Of a mesh. */
             mesh_triangles: number;
-            /** @description Of a JSON body, and of the part `job` of a form. */
+            /** @description Of a JSON body, and of the part `job` or `request` of a form. */
             settings_bytes: number;
             /** @description Of a job. */
             labels: number;
@@ -1961,6 +2199,8 @@ export interface components {
             training_bytes: number | null;
             /** @description Of a worker; null without a limit. */
             worker_memory_bytes: number | null;
+            /** @description Of a batch. */
+            batch_jobs?: number;
             /** @description Jobs that wait. */
             queued_jobs: number;
             /** @description Longest time of a job. */
@@ -2253,6 +2493,8 @@ export interface components {
     parameters: {
         /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
         AssumeOrientation: boolean;
+        /** @description `identifiers`: patient and study of a DICOM file that comes with the request are taken over into `mesh.dcm` and the report of its jobs. Without it they are in the uploaded file alone. The last upload of the same bytes decides. */
+        KeepOfFile: "identifiers";
         /** @description Frame of the coordinates. `lps`: x to the left of the patient, y to the back, z to the head; `ras`: x to the right, y to the front. `source`: as the cloud has them. `request_invalid` where the cloud does not say its frame, and for `ras` in DICOM. */
         Space: "source" | "lps" | "ras";
         /** @description Colours of the vertices, in PLY (red, green, blue) and GLB (COLOR_0, and _DISTANCE_TO_POINTS). `distance`: on the scale cividis from dark blue, on a point of the cloud, to yellow, at `surface.support_distance` of the report and beyond: what is yellow was guessed, not measured. The file says where the scale ends. `request_invalid` in other formats, and for snapshots of a job that has not succeeded. */
@@ -2272,6 +2514,8 @@ export interface components {
         UploadLength: number;
         /** @description Id of a job. */
         JobId: components["schemas"]["JobId"];
+        /** @description Id of a batch. */
+        BatchId: components["schemas"]["BatchId"];
         /** @description `next_cursor` of the page before. */
         Cursor: string;
         /** @description Most items of the page. */
@@ -2286,7 +2530,7 @@ export interface components {
          */
         LastEventId: string;
         /**
-         * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job or the cloud of that answer was erased.
+         * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job, the cloud or the batch of that answer was erased.
          * @example 5f1c2a
          */
         IdempotencyKey: string;
@@ -2418,6 +2662,8 @@ export interface operations {
             query?: {
                 /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
                 assume_orientation?: components["parameters"]["AssumeOrientation"];
+                /** @description `identifiers`: patient and study of a DICOM file that comes with the request are taken over into `mesh.dcm` and the report of its jobs. Without it they are in the uploaded file alone. The last upload of the same bytes decides. */
+                keep?: components["parameters"]["KeepOfFile"];
                 /**
                  * @description How long the cloud is kept, in place of the service's own time (`--cloud-ttl`).
                  * @example 30d
@@ -2426,7 +2672,7 @@ export interface operations {
             };
             header?: {
                 /**
-                 * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job or the cloud of that answer was erased.
+                 * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job, the cloud or the batch of that answer was erased.
                  * @example 5f1c2a
                  */
                 "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
@@ -2987,6 +3233,8 @@ export interface operations {
                 label?: string;
                 /** @description Only jobs of this cloud. */
                 cloud_id?: components["schemas"]["CloudId"];
+                /** @description Only jobs of this batch. */
+                batch_id?: components["schemas"]["BatchId"];
                 /** @description Only jobs that succeeded with this verdict. */
                 verdict?: components["schemas"]["Verdict"];
                 /** @description Only jobs submitted later. */
@@ -3033,6 +3281,8 @@ export interface operations {
                 source?: string;
                 /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
                 assume_orientation?: components["parameters"]["AssumeOrientation"];
+                /** @description `identifiers`: patient and study of a DICOM file that comes with the request are taken over into `mesh.dcm` and the report of its jobs. Without it they are in the uploaded file alone. The last upload of the same bytes decides. */
+                keep?: components["parameters"]["KeepOfFile"];
                 /**
                  * @description How long the job is kept after its end, in place of the member `ttl`.
                  * @example 7d
@@ -3043,7 +3293,7 @@ export interface operations {
             };
             header?: {
                 /**
-                 * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job or the cloud of that answer was erased.
+                 * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job, the cloud or the batch of that answer was erased.
                  * @example 5f1c2a
                  */
                 "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
@@ -3284,7 +3534,7 @@ export interface operations {
             query?: never;
             header?: {
                 /**
-                 * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job or the cloud of that answer was erased.
+                 * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job, the cloud or the batch of that answer was erased.
                  * @example 5f1c2a
                  */
                 "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
@@ -3332,7 +3582,7 @@ export interface operations {
             query?: never;
             header?: {
                 /**
-                 * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job or the cloud of that answer was erased.
+                 * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job, the cloud or the batch of that answer was erased.
                  * @example 5f1c2a
                  */
                 "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
@@ -3407,6 +3657,253 @@ export interface operations {
             422: components["responses"]["Invalid"];
             503: components["responses"]["Unavailable"];
             507: components["responses"]["InsufficientStorage"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    listBatches: {
+        parameters: {
+            query?: {
+                /** @description `next_cursor` of the page before. */
+                cursor?: components["parameters"]["Cursor"];
+                /** @description Most items of the page. */
+                limit?: components["parameters"]["Limit"];
+            };
+            header?: {
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description A page of batches. */
+            200: {
+                headers: {
+                    ETag: components["headers"]["ETag"];
+                    Link: components["headers"]["Link"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BatchPage"];
+                };
+            };
+            304: components["responses"]["NotModified"];
+            400: components["responses"]["BadRequest"];
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            422: components["responses"]["Invalid"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    createBatch: {
+        parameters: {
+            query?: {
+                /** @description In place of the member `preset`. */
+                preset?: components["schemas"]["PresetName"];
+                /**
+                 * @description In place of the member `source`.
+                 * @example label:all
+                 */
+                source?: components["schemas"]["SeveralSources"];
+                /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
+                assume_orientation?: components["parameters"]["AssumeOrientation"];
+                /** @description `identifiers`: patient and study of a DICOM file that comes with the request are taken over into `mesh.dcm` and the report of its jobs. Without it they are in the uploaded file alone. The last upload of the same bytes decides. */
+                keep?: components["parameters"]["KeepOfFile"];
+                /**
+                 * @description How long each job is kept after its end, in place of the member `ttl`.
+                 * @example 7d
+                 */
+                ttl?: components["schemas"]["JobTtl"];
+            };
+            header?: {
+                /**
+                 * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job, the cloud or the batch of that answer was erased.
+                 * @example 5f1c2a
+                 */
+                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
+                /**
+                 * @description `wait=N`: answer when the job ends, within N seconds, at most 60 (RFC 7240). What is not understood is ignored.
+                 * @example wait=1
+                 */
+                Prefer?: components["parameters"]["Prefer"];
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                /**
+                 * @example {
+                 *       "clouds": [
+                 *         "cld_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6b",
+                 *         "cld_019a9f3b2c5d7e8f9a0b1c2d3e4f5a6c"
+                 *       ],
+                 *       "preset": "fast",
+                 *       "labels": {
+                 *         "study": "x"
+                 *       }
+                 *     }
+                 */
+                "application/json": components["schemas"]["NewBatch"];
+                "multipart/form-data": {
+                    /** @description The clouds, each a part of its own. */
+                    cloud: string[];
+                    request?: components["schemas"]["BatchRequest"];
+                };
+            };
+        };
+        responses: {
+            /** @description All jobs have ended within the wait. */
+            200: {
+                headers: {
+                    Location: components["headers"]["Location"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Batch"];
+                };
+            };
+            /** @description The jobs wait for workers, or some still run after the wait. */
+            202: {
+                headers: {
+                    Location: components["headers"]["Location"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Batch"];
+                };
+            };
+            400: components["responses"]["BadRequest"];
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            408: components["responses"]["UploadTimeout"];
+            409: components["responses"]["Conflict"];
+            410: components["responses"]["Gone"];
+            413: components["responses"]["TooLarge"];
+            415: components["responses"]["Unsupported"];
+            422: components["responses"]["Invalid"];
+            429: components["responses"]["RateLimited"];
+            503: components["responses"]["Unavailable"];
+            507: components["responses"]["InsufficientStorage"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    getBatch: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Nothing if this is the version. */
+                "If-None-Match"?: components["parameters"]["IfNoneMatch"];
+            };
+            path: {
+                /** @description Id of a batch. */
+                id: components["parameters"]["BatchId"];
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The batch. `Retry-After` while it has not ended. */
+            200: {
+                headers: {
+                    ETag: components["headers"]["ETag"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Batch"];
+                };
+            };
+            304: components["responses"]["NotModified"];
+            400: components["responses"]["BadRequest"];
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            404: components["responses"]["NotFound"];
+            410: components["responses"]["Gone"];
+            422: components["responses"]["Invalid"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    deleteBatch: {
+        parameters: {
+            query?: {
+                /** @description Whether clouds go too. */
+                clouds?: boolean;
+            };
+            header?: never;
+            path: {
+                /** @description Id of a batch. */
+                id: components["parameters"]["BatchId"];
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description How many were erased. */
+            200: {
+                headers: {
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Erased"];
+                };
+            };
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            404: components["responses"]["NotFound"];
+            410: components["responses"]["Gone"];
+            422: components["responses"]["Invalid"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    cancelBatch: {
+        parameters: {
+            query?: never;
+            header?: {
+                /**
+                 * @description A repeated request with its key gets the first answer for 24 hours, or 410 when the job, the cloud or the batch of that answer was erased.
+                 * @example 5f1c2a
+                 */
+                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
+            };
+            path: {
+                /** @description Id of a batch. */
+                id: components["parameters"]["BatchId"];
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The batch. `Retry-After` while it has not ended. */
+            200: {
+                headers: {
+                    Location: components["headers"]["Location"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Batch"];
+                };
+            };
+            400: components["responses"]["BadRequest"];
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            404: components["responses"]["NotFound"];
+            409: components["responses"]["Conflict"];
+            410: components["responses"]["Gone"];
+            422: components["responses"]["Invalid"];
             default: components["responses"]["Problem"];
         };
     };
@@ -3493,6 +3990,58 @@ export interface operations {
                 };
             };
             /** @description The job has ended and nothing comes after that id. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            401: components["responses"]["Unauthenticated"];
+            403: components["responses"]["Forbidden"];
+            404: components["responses"]["NotFound"];
+            410: components["responses"]["Gone"];
+            422: components["responses"]["Invalid"];
+            429: components["responses"]["RateLimited"];
+            default: components["responses"]["Problem"];
+        };
+    };
+    streamBatchEvents: {
+        parameters: {
+            query?: {
+                /** @description Only what comes after this id. */
+                after?: components["parameters"]["After"];
+                /** @description Most events of a JSON page. */
+                limit?: components["parameters"]["EventLimit"];
+            };
+            header?: {
+                /**
+                 * @description Id of the last event that was seen; browsers send it by themselves. It wins over `after`.
+                 * @example 17
+                 */
+                "Last-Event-ID"?: components["parameters"]["LastEventId"];
+            };
+            path: {
+                /** @description Id of a batch. */
+                id: components["parameters"]["BatchId"];
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Events. */
+            200: {
+                headers: {
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    Link: components["headers"]["Link"];
+                    "X-Request-Id": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/event-stream": unknown;
+                    "application/json": components["schemas"]["EventPage"];
+                };
+            };
+            /** @description All jobs have ended and nothing comes after that id. */
             204: {
                 headers: {
                     [name: string]: unknown;

@@ -9,11 +9,12 @@
 from .asynchronous import AsyncMesh, AsyncMeshway
 from .client import Mesh, Meshway
 from .errors import JobCancelled, JobFailed, MeshwayError, TimedOut, Unreachable
-from .models import Cloud, Event, Job
+from .models import Batch, Cloud, Event, Job
 
 __all__ = [
     "AsyncMesh",
     "AsyncMeshway",
+    "Batch",
     "Cloud",
     "Event",
     "Job",

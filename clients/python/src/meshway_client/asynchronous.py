@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from typing import TYPE_CHECKING, Any, Optional, Union
 
 import httpx
 
 from . import steps
 from .client import RETRIES, headers, id_of
-from .models import Cloud, Event, Job
+from .models import Batch, Cloud, Event, Job
 from .points import arrays_of
 
 if TYPE_CHECKING:
@@ -94,6 +94,36 @@ class AsyncMeshway:
         result: Job = await self._run(steps.submit(cloud, given, self._retries))
         return result
 
+    async def batch(
+        self,
+        clouds: Iterable[Union[Points, Cloud]],
+        *,
+        preset: Optional[str] = None,
+        settings: Optional[dict[str, Any]] = None,
+        labels: Optional[dict[str, str]] = None,
+        source: Union[str, dict[str, Any], list[dict[str, Any]], None] = None,
+    ) -> Batch:
+        """A job for each cloud, made together or not at all. With ``source``, as in ``"label:1,3"`` or
+        ``"label:all"``, one for each part of each cloud."""
+        body = {"preset": preset, "settings": settings, "labels": labels, "source": source}
+        result: Batch = await self._run(steps.batch(clouds, body, self._retries))
+        return result
+
+    async def show_batch(self, batch: Union[Batch, str]) -> Batch:
+        """Its present state."""
+        result: Batch = await self._run(steps.show_batch(id_of(batch), self._retries))
+        return result
+
+    async def wait_batch(self, batch: Union[Batch, str], timeout: Optional[float] = None) -> Batch:
+        """The batch once all its jobs have ended, however they did; else :class:`TimedOut`."""
+        result: Batch = await self._run(steps.wait_batch(id_of(batch), timeout, self._retries))
+        return result
+
+    async def cancel_batch(self, batch: Union[Batch, str]) -> Batch:
+        """Asks that all its jobs end."""
+        result: Batch = await self._run(steps.cancel_batch(id_of(batch), self._retries))
+        return result
+
     async def job(self, job: Union[Job, str]) -> Job:
         """Its present state."""
         result: Job = await self._run(steps.show(id_of(job), self._retries))
@@ -108,9 +138,9 @@ class AsyncMeshway:
         result: Job = await self._run(steps.wait(id_of(job), timeout, self._retries))
         return result
 
-    def watch(self, job: Union[Job, str], after: int = 0) -> AsyncIterator[Event]:
-        """Its events after one of them, as they come, to the last. A cut connection is resumed."""
-        return self._tell(steps.watch(id_of(job), after, self._retries))
+    def watch(self, item: Union[Job, Batch, str], after: int = 0) -> AsyncIterator[Event]:
+        """The events of a job or a batch after one of them, as they come, to the last. A cut connection is resumed."""
+        return self._tell(steps.watch(id_of(item), after, self._retries))
 
     async def cancel(self, job: Union[Job, str]) -> Job:
         """Asks that the job end."""
@@ -122,8 +152,8 @@ class AsyncMeshway:
         result: Job = await self._run(steps.change(id_of(job), "retry", self._retries))
         return result
 
-    async def delete(self, item: Union[Job, Cloud, str]) -> None:
-        """Erases a job, or a cloud."""
+    async def delete(self, item: Union[Job, Cloud, Batch, str]) -> None:
+        """Erases a job, a cloud, or a batch with its jobs and their clouds."""
         await self._run(steps.erase(id_of(item), self._retries))
 
     async def mesh(self, job: Union[Job, str]) -> AsyncMesh:

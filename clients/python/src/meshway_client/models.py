@@ -58,8 +58,39 @@ class Job:
 
 
 @dataclass(frozen=True)
+class Batch:
+    """Jobs that were made together. ``status`` is queued, running or ended; ``progress`` is 0 to 1 and never
+    goes back. ``jobs`` are their ids, in the order of clouds and parts."""
+
+    id: str
+    status: str
+    progress: float
+    counts: dict[str, int]
+    jobs: list[str]
+    raw: dict[str, Any] = field(repr=False, compare=False)
+
+    @classmethod
+    def of(cls, raw: dict[str, Any]) -> Batch:
+        """From its JSON."""
+        return cls(
+            id=raw["id"],
+            status=raw["status"],
+            progress=raw["progress"],
+            counts=raw["counts"],
+            jobs=[job["id"] for job in raw.get("jobs", [])],
+            raw=raw,
+        )
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more happens to its jobs, however they ended."""
+        return self.status == "ended"
+
+
+@dataclass(frozen=True)
 class Event:
-    """Something that happened to a job: ``kind`` as in ``job.progress``; ids are 1, 2, 3, …"""
+    """Something that happened to a job: ``kind`` as in ``job.progress``. Ids of a job are 1, 2, 3, …; those of a
+    batch grow, with gaps."""
 
     id: int
     kind: str

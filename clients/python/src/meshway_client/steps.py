@@ -12,14 +12,14 @@ import random
 import tempfile
 import time
 import uuid
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Optional, Union
 
 import httpx
 
 from .errors import JobCancelled, JobFailed, MeshwayError, TimedOut, Unreachable, problem_of
-from .models import Cloud, Event, Job
+from .models import Batch, Cloud, Event, Job
 from .points import Source, source_of
 
 #: Seconds without a byte of an event stream; the service sends a comment every 15.
@@ -167,6 +167,13 @@ def in_parts(source: Source, params: dict[str, Any], retries: int) -> Steps:
         at = int(where.headers["upload-offset"])
 
 
+def there(cloud: Any, assume_orientation: bool, retries: int) -> Steps:
+    """The id of a cloud, which is sent first where it is not there yet."""
+    if not isinstance(cloud, Cloud) and not (isinstance(cloud, str) and cloud.startswith("cld_")):
+        cloud = yield from upload(cloud, None, assume_orientation, retries)
+    return cloud.id if isinstance(cloud, Cloud) else cloud
+
+
 @dataclass
 class Given:
     """What a job is asked for: members of the request, ``None`` where they are left out, and how its cloud is read."""
@@ -176,13 +183,42 @@ class Given:
 
 
 def submit(cloud: Any, given: Given, retries: int) -> Steps:
-    """A job for a cloud, which is sent first where it is not there yet."""
-    if not isinstance(cloud, Cloud) and not (isinstance(cloud, str) and cloud.startswith("cld_")):
-        cloud = yield from upload(cloud, None, given.assume_orientation, retries)
-    cloud_id = cloud.id if isinstance(cloud, Cloud) else cloud
+    """A job for a cloud."""
+    cloud_id = yield from there(cloud, given.assume_orientation, retries)
     body = {name: value for name, value in given.body.items() if value is not None}
     answer = yield from ask(Ask("POST", "v1/jobs", json={"cloud_id": cloud_id, **body}), retries)
     return Job.of(answer.json())
+
+
+def batch(clouds: Iterable[Any], body: dict[str, Any], retries: int) -> Steps:
+    """A job for each of the clouds, or for each of their parts: all of them or none."""
+    ids = []
+    for cloud in clouds:
+        ids.append((yield from there(cloud, False, retries)))
+    given = {name: value for name, value in body.items() if value is not None}
+    answer = yield from ask(Ask("POST", "v1/batches", json={"clouds": ids, **given}), retries)
+    return Batch.of(answer.json())
+
+
+def show_batch(batch_id: str, retries: int) -> Steps:
+    """The present state of a batch."""
+    answer = yield from ask(Ask("GET", f"v1/batches/{batch_id}"), retries)
+    return Batch.of(answer.json())
+
+
+def cancel_batch(batch_id: str, retries: int) -> Steps:
+    """Cancels all jobs of a batch."""
+    answer = yield from ask(Ask("POST", f"v1/batches/{batch_id}/cancel"), retries)
+    return Batch.of(answer.json())
+
+
+def wait_batch(batch_id: str, timeout: Optional[float], retries: int) -> Steps:
+    """The batch once all its jobs have ended, however they did."""
+    yield from silently(watch(batch_id, 0, retries, None if timeout is None else time.monotonic() + timeout))
+    found: Batch = yield from show_batch(batch_id, retries)
+    if not found.ended:
+        raise TimedOut(batch_id, timeout or 0.0)
+    return found
 
 
 def show(job_id: str, retries: int) -> Steps:
@@ -199,9 +235,14 @@ def change(job_id: str, act: str, retries: int) -> Steps:
 
 
 def erase(item_id: str, retries: int) -> Steps:
-    """Erases a job or a cloud."""
-    kind = "clouds" if item_id.startswith("cld_") else "jobs"
-    yield from ask(Ask("DELETE", f"v1/{kind}/{item_id}"), retries)
+    """Erases a job, a cloud, or a batch with its jobs and clouds."""
+    yield from ask(Ask("DELETE", path_of(item_id)), retries)
+
+
+def path_of(item_id: str) -> str:
+    """Where an item is, as the beginning of its id says."""
+    kind = {"cld_": "clouds", "bat_": "batches"}.get(item_id[:4], "jobs")
+    return f"v1/{kind}/{item_id}"
 
 
 def jobs(filters: dict[str, Any], retries: int) -> Steps:
@@ -216,15 +257,16 @@ def jobs(filters: dict[str, Any], retries: int) -> Steps:
         params["cursor"] = page["next_cursor"]
 
 
-def watch(job_id: str, after: int, retries: int, until: Optional[float] = None) -> Steps:
-    """Tells the events of a job to the last; a cut connection is opened again where it was cut."""
+def watch(item_id: str, after: int, retries: int, until: Optional[float] = None) -> Steps:
+    """Tells the events of a job or a batch to the last; a cut connection is opened again where it was cut."""
     attempt = 0
+    is_batch = item_id.startswith("bat_")
     while True:
         left = SILENCE if until is None else until - time.monotonic()
         if left <= 0:
             return
         headers = {"Accept": "text/event-stream", "Last-Event-ID": str(after)}
-        request = Ask("GET", f"v1/jobs/{job_id}/events", headers=headers, stream=True, timeout=min(left, SILENCE))
+        request = Ask("GET", f"{path_of(item_id)}/events", headers=headers, stream=True, timeout=min(left, SILENCE))
         answer = None
         try:
             answer = yield request
@@ -243,8 +285,12 @@ def watch(job_id: str, after: int, retries: int, until: Optional[float] = None) 
                 after = event.id
                 if event.kind != "reset":
                     yield Tell(event)
-                if event.last:
+                if event.last and not is_batch:
                     return
+            if is_batch and attempt == 0:
+                # The stream of a batch closes after its last event: then there is none after it.
+                yield Pause(0.1)
+                continue
             error: MeshwayError = Unreachable(httpx.ReadError("the stream ended before the job"))
         except httpx.TransportError as broken:
             error = Unreachable(broken)
@@ -279,22 +325,25 @@ class Parser:
         return Event(int(fields["id"]), fields.get("event", "message"), json.loads(fields["data"]))
 
 
-def wait(job_id: str, timeout: Optional[float], retries: int) -> Steps:
-    """The job once it has succeeded."""
-    until = None if timeout is None else time.monotonic() + timeout
+def silently(told: Steps) -> Steps:
+    """Follows events for the clock only."""
     try:
-        for_job = watch(job_id, 0, retries, until)
-        effect = next(for_job)
+        effect = next(told)
         while True:
-            # The events are for the clock only.
             try:
                 given = None if isinstance(effect, Tell) else (yield effect)
             except httpx.TransportError as broken:
-                effect = for_job.throw(broken)
+                effect = told.throw(broken)
             else:
-                effect = for_job.send(given)
+                effect = told.send(given)
     except StopIteration:
         pass
+
+
+def wait(job_id: str, timeout: Optional[float], retries: int) -> Steps:
+    """The job once it has succeeded."""
+    until = None if timeout is None else time.monotonic() + timeout
+    yield from silently(watch(job_id, 0, retries, until))
     job: Job = yield from show(job_id, retries)
     if job.status == "succeeded":
         return job

@@ -11,9 +11,10 @@ use crate::folder::{CLOUDS, in_folder};
 use crate::http::AppState;
 use crate::http::upload::{Upload, blocking};
 use crate::http::wire::error::{ApiError, Result};
-use crate::identity::Caller;
+use crate::identity::{Caller, Tenant};
 use crate::intake::{File, Summary};
 use crate::jobs::{Cloud, CloudDeletion, CloudId, Error, JobId, Keep, Lookup, NewCloud};
+use crate::reconstruction::cloud::Format;
 
 /// Where the bytes of a cloud are.
 pub(in crate::http) fn path(app: &AppState, sha256: &str) -> PathBuf {
@@ -36,6 +37,52 @@ pub(in crate::http) async fn read(app: &AppState, upload: &Upload) -> Result<Sum
     read.map_err(|error| upload.explain(ApiError::from(error)))
 }
 
+/// An upload that was read and can be kept.
+#[derive(Debug)]
+pub(in crate::http) struct Usable {
+    upload: Upload,
+    /// The cloud of the same bytes, if they were uploaded before.
+    known: Option<Cloud>,
+    /// What the reading found, now or then.
+    pub(in crate::http) summary: Summary,
+}
+
+/// Reads and checks an upload, unless the same bytes are here already.
+///
+/// # Errors
+/// What is wrong with the cloud or the database.
+pub(in crate::http) async fn usable(
+    app: &AppState,
+    tenant: &Tenant,
+    upload: Upload,
+) -> Result<Usable> {
+    let records = app.store.of(tenant);
+    let known = records.cloud_by_sha256(&upload.spooled.sha256).await?;
+    if let Some(cloud) = known
+        && tokio::fs::try_exists(path(app, &cloud.sha256))
+            .await
+            .unwrap_or(false)
+        && (upload.assume_orientation || !has_assumed(&cloud))
+        && upload.keep_identifiers == cloud.summary.keeps_identifiers
+    {
+        let summary = cloud.summary.clone();
+        let known = Some(cloud);
+        return Ok(Usable {
+            upload,
+            known,
+            summary,
+        });
+    }
+    let mut summary = read(app, &upload).await?;
+    summary.keeps_identifiers = upload.keep_identifiers && summary.format == Format::Dicom;
+    let known = None;
+    Ok(Usable {
+        upload,
+        known,
+        summary,
+    })
+}
+
 /// Turns an upload into a cloud. `false` if the same bytes were uploaded before.
 ///
 /// # Errors
@@ -43,22 +90,20 @@ pub(in crate::http) async fn read(app: &AppState, upload: &Upload) -> Result<Sum
 pub(in crate::http) async fn keep(
     app: &AppState,
     caller: &Caller,
-    upload: Upload,
+    usable: Usable,
     keep: Keep,
 ) -> Result<(Cloud, bool)> {
-    let records = app.store.of(&caller.tenant);
-    let known = records.cloud_by_sha256(&upload.spooled.sha256).await?;
-    if let Some(cloud) = known
-        && tokio::fs::try_exists(path(app, &cloud.sha256))
-            .await
-            .unwrap_or(false)
-        && (upload.assume_orientation || !has_assumed(&cloud))
-    {
+    let Usable {
+        upload,
+        known,
+        summary,
+    } = usable;
+    if let Some(cloud) = known {
         let acts = app.store.by(caller);
         acts.match_cloud(&cloud.id, keep.ms).await?;
-        return Ok((records.cloud(&cloud.id).await?.unwrap_or(cloud), false));
+        let now = app.store.of(&caller.tenant).cloud(&cloud.id).await?;
+        return Ok((now.unwrap_or(cloud), false));
     }
-    let summary = read(app, &upload).await?;
     let spooled = upload.spooled;
     let new = NewCloud {
         sha256: spooled.sha256,

@@ -17,7 +17,7 @@ use crate::http::upload::bodies::JSON_LIMIT;
 use crate::http::upload::{self, Payload, receive};
 use crate::http::wire::download::{Content, Download};
 use crate::http::wire::error::{ApiError, Code, Result};
-use crate::http::wire::extract::{Id, Members, NoQuery, Query, switch};
+use crate::http::wire::extract::{Id, Members, NoQuery, Query, kept, switch};
 use crate::http::wire::idempotency::{self, Begun};
 use crate::http::wire::page::{Page, PageOf};
 use crate::identity::{Caller, Tenant};
@@ -31,6 +31,7 @@ pub(in crate::http) async fn create(
     request: Request,
 ) -> Result<Response> {
     let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
+    let keep_identifiers = query.take("keep", kept).unwrap_or(false);
     let ttl = query.take("ttl", |text| Wanted::of_cloud(&text));
     query.finish()?;
     let mut key = idempotency::Request::new(&caller, request.headers(), request.uri())?;
@@ -40,18 +41,15 @@ pub(in crate::http) async fn create(
         return Err(ApiError::new(Code::UnsupportedFormat, detail));
     };
     upload.assume_orientation = assume_orientation;
+    upload.keep_identifiers = keep_identifiers;
     key.content(upload.spooled.sha256.as_bytes());
     let attempt = match key.begin(&app).await? {
         Begun::Replay(response) => return Ok(response),
         Begun::New(attempt) => attempt,
     };
-    let (cloud, created) = files::keep(
-        &app,
-        &caller,
-        upload,
-        Wanted::keep(ttl, app.config.cloud_ttl),
-    )
-    .await?;
+    let usable = files::usable(&app, &caller.tenant, upload).await?;
+    let keep = Wanted::keep(ttl, app.config.cloud_ttl);
+    let (cloud, created) = files::keep(&app, &caller, usable, keep).await?;
     let status = if created {
         StatusCode::CREATED
     } else {

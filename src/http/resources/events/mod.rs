@@ -1,9 +1,10 @@
-//! Event streams (server-sent events), of one job and of all, and the same events as JSON pages.
+//! Event streams (server-sent events), of one job, of a batch and of all, and the same events as JSON pages.
 
 pub(in crate::http) mod feed;
+mod of;
 mod subscription;
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 
 use axum::Json;
 use axum::body::Body;
@@ -18,12 +19,14 @@ use tokio::time::Instant;
 
 use crate::http::AppState;
 use crate::http::api;
+use crate::http::resources::batches;
+use crate::http::resources::events::of::Of;
 use crate::http::resources::events::subscription::{SILENCE, Subscription};
 use crate::http::resources::jobs::found::found;
 use crate::http::wire::error::{ApiError, Result};
 use crate::http::wire::extract::{Id, Query, text, whole};
 use crate::identity::{Caller, Tenant};
-use crate::jobs::{Event, EventKind, Job, JobId, Problem, Status};
+use crate::jobs::{BatchId, Event, EventKind, JobId, Problem, Status, Track};
 
 /// Time after which a client that lost its connection should come back, in milliseconds.
 const RETRY_MILLISECONDS: u32 = 2_000;
@@ -42,7 +45,7 @@ pub(in crate::http) async fn of_job(
     let asked = Asked::of(query, &headers)?;
     let job = found(app.store.of(&caller.tenant).job(&id).await?)?;
     if wants_json(&headers) {
-        return page(&app, &caller.tenant, Some(&job), &asked).await;
+        return page(&app, &caller.tenant, &Of::Job(id), &asked).await;
     }
     let newest = job.events;
     let after = match asked.after {
@@ -62,7 +65,7 @@ pub(in crate::http) async fn of_job(
         }),
         ended: job.status.is_final(),
     };
-    open(app, caller, Some(id), after.ok_or_else(reset)).await
+    open(app, caller, Of::Job(id), after.ok_or_else(reset)).await
 }
 
 /// GET /v1/events
@@ -74,7 +77,7 @@ pub(in crate::http) async fn of_all(
 ) -> Result<Response> {
     let asked = Asked::of(query, &headers)?;
     if wants_json(&headers) {
-        return page(&app, &caller.tenant, None, &asked).await;
+        return page(&app, &caller.tenant, &Of::All, &asked).await;
     }
     let records = app.store.of(&caller.tenant);
     let newest = records.last_seq().await?;
@@ -91,13 +94,58 @@ pub(in crate::http) async fn of_all(
                 state: json!(api::AllReset {
                     oldest,
                     newest,
-                    jobs: counts.into_iter().collect(),
+                    jobs: counts.into(),
                 }),
                 ended: false,
             })
         }
     };
-    open(app, caller, None, after).await
+    open(app, caller, Of::All, after).await
+}
+
+/// GET /v1/batches/{id}/events
+pub(in crate::http) async fn of_batch(
+    State(app): State<AppState>,
+    caller: Caller,
+    Id(id): Id<BatchId>,
+    query: Query,
+    headers: HeaderMap,
+) -> Result<Response> {
+    let asked = Asked::of(query, &headers)?;
+    let batch = batches::find(&app, &caller.tenant, &id).await?;
+    let tracks = app.store.of(&caller.tenant).batch_tracks(&id).await?;
+    let oldest = tracks.iter().map(|track| track.first).min().unwrap_or(0);
+    let newest = tracks.iter().map(|track| track.last).max().unwrap_or(0);
+    let members = tracks.iter().map(|track| track.job.clone()).collect();
+    if wants_json(&headers) {
+        let of = Of::batch(id, members, HashSet::new());
+        return page(&app, &caller.tenant, &of, &asked).await;
+    }
+    let after = match asked.after {
+        After::Anything => Some(oldest - 1),
+        After::Event(after) => Some(after).filter(|after| (0..=newest).contains(after)),
+        After::Unknown => None,
+    };
+    let tells = |track: &&Track| !track.ended || after.is_some_and(|after| track.last > after);
+    let open_jobs: HashSet<JobId> = tracks
+        .iter()
+        .filter(tells)
+        .map(|track| track.job.clone())
+        .collect();
+    if after.is_some() && open_jobs.is_empty() {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let reset = || Reset {
+        newest,
+        state: json!(api::BatchReset {
+            oldest,
+            newest,
+            batch: api::Batch::whole(&batch),
+        }),
+        ended: open_jobs.is_empty(),
+    };
+    let after = after.ok_or_else(reset);
+    open(app, caller, Of::batch(id, members, open_jobs), after).await
 }
 
 /// Where to continue.
@@ -149,27 +197,18 @@ fn wants_json(headers: &HeaderMap) -> bool {
 }
 
 /// A page of events as JSON.
-async fn page(
-    app: &AppState,
-    tenant: &Tenant,
-    job: Option<&Job>,
-    asked: &Asked,
-) -> Result<Response> {
+async fn page(app: &AppState, tenant: &Tenant, of: &Of, asked: &Asked) -> Result<Response> {
     let records = app.store.of(tenant);
     let after = match asked.after {
         After::Event(id) => id,
         After::Anything | After::Unknown => 0,
     };
-    let events = match job {
-        Some(job) => records.events_after(&job.id, after, asked.limit).await?,
-        None => records.all_events_after(after, asked.limit).await?,
-    };
-    let all = job.is_none();
+    let events = of.rows(records, after, asked.limit).await?;
     let next = (events.len() == asked.limit as usize)
-        .then(|| events.last().map(|event| number(event, all)))
+        .then(|| events.last().map(|event| of.number(event)))
         .flatten();
     let item = |event: &Event| api::EventItem {
-        id: number(event, all),
+        id: of.number(event),
         event: event.kind,
         data: data(event),
     };
@@ -181,9 +220,7 @@ async fn page(
     let headers = response.headers_mut();
     headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
     if let Some(next) = next {
-        let path = job.map_or("/v1/events".to_owned(), |job| {
-            format!("/v1/jobs/{}/events", job.id)
-        });
+        let path = of.path();
         let link = format!("<{path}?after={next}&limit={}>; rel=\"next\"", asked.limit);
         headers.insert(
             LINK,
@@ -207,7 +244,7 @@ struct Reset {
 async fn open(
     app: AppState,
     caller: Caller,
-    job: Option<JobId>,
+    of: Of,
     after: std::result::Result<i64, Reset>,
 ) -> Result<Response> {
     let listener = app.feed.listen(caller.address).await?;
@@ -222,7 +259,7 @@ async fn open(
     let subscription = Subscription {
         app,
         caller,
-        job,
+        of,
         listener,
         last,
         frames,
@@ -241,11 +278,6 @@ async fn open(
     headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
     headers.insert("x-accel-buffering", HeaderValue::from_static("no"));
     Ok(response)
-}
-
-/// The id of an event in a stream of one job, or of all.
-fn number(event: &Event, all: bool) -> i64 {
-    if all { event.seq } else { event.id }
 }
 
 fn frame(id: Option<i64>, event: &str, data: &Value) -> Bytes {

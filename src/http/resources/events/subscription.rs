@@ -8,11 +8,12 @@ use serde_json::json;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::time::Instant;
 
-use super::{data, frame, number};
+use super::of::{Heard, Of};
+use super::{data, frame};
 use crate::http::AppState;
 use crate::http::resources::events::feed::{Listener, News};
 use crate::identity::Caller;
-use crate::jobs::{Event, JobId, Lookup};
+use crate::jobs::Event;
 
 /// Time without a frame after which a comment tells proxies that the stream lives, and time after which
 /// the key of the stream is looked at again.
@@ -26,10 +27,10 @@ pub(super) struct Subscription {
     pub(super) app: AppState,
     /// Whose events are sent, to whom.
     pub(super) caller: Caller,
-    /// The job that is listened to; none for all of them.
-    pub(super) job: Option<JobId>,
+    /// Whose events these are.
+    pub(super) of: Of,
     pub(super) listener: Listener,
-    /// Id of the last event that was sent: of the job's events, or of all.
+    /// Id of the last event that was sent, as [`Of::number`].
     pub(super) last: i64,
     /// What is ready to be sent.
     pub(super) frames: VecDeque<Bytes>,
@@ -67,7 +68,7 @@ impl Subscription {
                 }
                 received = self.listener.news.recv() => match received {
                     Ok(News::Event(event)) => self.hear(&event),
-                    Ok(News::Erased(job)) => self.ended |= self.job == Some(job),
+                    Ok(News::Erased(job)) => self.ended |= self.of.loses(&job),
                     Err(RecvError::Lagged(_)) => self.behind = true,
                     Err(RecvError::Closed) => self.ended = true,
                 },
@@ -91,28 +92,19 @@ impl Subscription {
 
     /// Takes an event of the feed: the next one, an old one, or one that leaves a gap behind.
     fn hear(&mut self, event: &Event) {
-        let next = match &self.job {
-            _ if event.tenant != self.caller.tenant => false,
-            None => event.seq > self.last,
-            Some(job) if *job != event.job_id => false,
-            Some(_) if event.id > self.last + 1 => {
-                self.behind = true;
-                false
-            }
-            Some(_) => event.id > self.last,
-        };
-        if next {
-            self.send(event);
+        if event.tenant != self.caller.tenant {
+            return;
+        }
+        match self.of.hear(event, self.last) {
+            Heard::Next => self.send(event),
+            Heard::Gap => self.behind = true,
+            Heard::Nothing => {}
         }
     }
 
     async fn read_rows(&mut self) {
         let records = self.app.store.of(&self.caller.tenant);
-        let events = match &self.job {
-            Some(job) => records.events_after(job, self.last, PAGE).await,
-            None => records.all_events_after(self.last, PAGE).await,
-        };
-        match events {
+        match self.of.rows(records, self.last, PAGE).await {
             Ok(events) => {
                 self.behind = events.len() == PAGE as usize;
                 for event in &events {
@@ -128,11 +120,10 @@ impl Subscription {
     }
 
     fn send(&mut self, event: &Event) {
-        let all = self.job.is_none();
-        self.last = number(event, all);
+        self.last = self.of.number(event);
         self.frames
             .push_back(frame(Some(self.last), event.kind.name(), &data(event)));
-        if !all && event.kind.is_last() {
+        if self.of.told(event) {
             self.ended = true;
             self.behind = false;
         }
@@ -141,9 +132,7 @@ impl Subscription {
     /// A sign of life; a stream that lagged behind may not have heard that its job was erased.
     async fn comment(&mut self) {
         self.frames.push_back(Bytes::from_static(b": alive\n"));
-        if let Some(job) = &self.job {
-            let lookup = self.app.store.of(&self.caller.tenant).job(job).await;
-            self.ended = !matches!(lookup, Ok(Lookup::Found(_)));
-        }
+        let records = self.app.store.of(&self.caller.tenant);
+        self.ended = self.of.is_gone(records).await.unwrap_or(true);
     }
 }

@@ -1,8 +1,10 @@
 //! Jobs: submitted, listed, described, cancelled, tried again, erased.
 
 pub(in crate::http) mod answer;
+pub(in crate::http) mod erase;
 pub(in crate::http) mod found;
 pub(in crate::http) mod request;
+mod source;
 pub(in crate::http) mod wait;
 
 use std::collections::HashMap;
@@ -20,23 +22,20 @@ use crate::http::resources::clouds::files;
 use crate::http::resources::jobs::answer::{answer, body, poll};
 use crate::http::resources::jobs::found::{Found, found};
 use crate::http::resources::jobs::request::{JobRequest, preset_named};
+use crate::http::resources::jobs::source::source_named;
 use crate::http::resources::jobs::wait::Wish;
 use crate::http::resources::retention::{self, Wanted};
 use crate::http::upload::bodies::JSON_LIMIT;
 use crate::http::upload::{self, Payload, Upload, receive};
 use crate::http::wire::error::{ApiError, Code, Result};
-use crate::http::wire::extract::{Id, Members, NoQuery, Query, switch, text};
+use crate::http::wire::extract::{Id, Members, NoQuery, Query, kept, switch, text};
 use crate::http::wire::idempotency::{self, Attempt, Begun, kept_headers};
 use crate::http::wire::page::{Page, PageOf};
 use crate::identity::{Caller, Tenant};
 use crate::jobs::{
-    Cloud, CloudId, Error, Job, JobFilter, JobId, Lookup, NewJob, Status, StoredResponse, Subject,
+    BatchId, Cloud, CloudId, Error, Job, JobFilter, JobId, NewJob, Status, StoredResponse, Subject,
     Verdict,
 };
-use crate::reconstruction::medical::Choice;
-
-/// Jobs that are listed at a time to be erased.
-const AT_ONCE: u32 = 200;
 
 /// `POST /v1/jobs`: for a cloud that is here, or with the cloud itself.
 pub(in crate::http) async fn create(
@@ -47,8 +46,9 @@ pub(in crate::http) async fn create(
 ) -> Result<Response> {
     let dry_run = query.take("dry_run", switch).unwrap_or(false);
     let preset = query.take("preset", |name| preset_named(&name));
-    let source = query.take("source", |text| Choice::parse(&text));
+    let source = query.take("source", |text| source_named(&text));
     let assume_orientation = query.take("assume_orientation", switch).unwrap_or(false);
+    let keep_identifiers = query.take("keep", kept).unwrap_or(false);
     let ttl = query.take("ttl", |text| Wanted::of_job(&text));
     query.finish()?;
     let wish = Wish::of(request.headers())?;
@@ -63,6 +63,7 @@ pub(in crate::http) async fn create(
         }
         Payload::File(mut upload, job) => {
             upload.assume_orientation = assume_orientation;
+            upload.keep_identifiers = keep_identifiers;
             key.content(upload.spooled.sha256.as_bytes());
             key.content(job.as_deref().unwrap_or_default());
             (members_of("part job", job.as_deref())?, Some(upload))
@@ -81,7 +82,8 @@ pub(in crate::http) async fn create(
     let cloud = match (upload, &asked.cloud_id) {
         (Some(upload), _) => {
             let keep = Wanted::keep(None, app.config.cloud_ttl);
-            files::keep(&app, &caller, upload, keep).await?.0
+            let usable = files::usable(&app, &caller.tenant, upload).await?;
+            files::keep(&app, &caller, usable, keep).await?.0
         }
         (None, Some(id)) => find_cloud(&app, &caller.tenant, id).await?,
         (None, None) => return Err(ApiError::internal("a job without a cloud was let in")),
@@ -92,8 +94,8 @@ pub(in crate::http) async fn create(
     wish.answer(&app, &caller, job).await
 }
 
-/// `GET /v1/jobs`: newest first, filtered by `status`, `label` (`key:value`), `cloud_id`, `verdict`
-/// and `created_after`.
+/// `GET /v1/jobs`: newest first, filtered by `status`, `label` (`key:value`), `cloud_id`, `batch_id`,
+/// `verdict` and `created_after`.
 pub(in crate::http) async fn list(
     State(app): State<AppState>,
     caller: Caller,
@@ -109,6 +111,7 @@ pub(in crate::http) async fn list(
             })
         }),
         cloud_id: query.take("cloud_id", text::<CloudId>),
+        batch_id: query.take("batch_id", text::<BatchId>),
         label: query.take("label", |label| labelled(&label)),
         verdict: query.take("verdict", |name| {
             Verdict::from_name(&name).ok_or_else(|| {
@@ -222,68 +225,10 @@ pub(in crate::http) async fn keep(
     Ok(response)
 }
 
-/// `DELETE /v1/jobs/{id}`: with all its results, in any state.
-pub(in crate::http) async fn erase(
-    State(app): State<AppState>,
-    caller: Caller,
-    _: NoQuery,
-    Id(id): Id<JobId>,
-) -> Result<StatusCode> {
-    found(app.store.by(&caller).delete_job(&id).await?)?;
-    forget(&app, id);
-    Ok(StatusCode::NO_CONTENT)
-}
-
-/// `DELETE /v1/jobs?label=key:value`: all jobs with the label, and their clouds where no other job
-/// names them. What is held stays.
-pub(in crate::http) async fn erase_labelled(
-    State(app): State<AppState>,
-    caller: Caller,
-    mut query: Query,
-) -> Result<Response> {
-    let label = query.required("label", |label| labelled(&label));
-    let clouds_too = query.take("clouds", switch).unwrap_or(true);
-    query.finish()?;
-    let filter = JobFilter {
-        label,
-        ..JobFilter::default()
-    };
-    let mut erased = api::Erased::default();
-    let mut last = None;
-    loop {
-        let records = app.store.of(&caller.tenant);
-        let page = records.list_jobs(&filter, last.as_ref(), AT_ONCE).await?;
-        last = page.last().map(|job| job.id.clone());
-        if last.is_none() {
-            return Ok(Json(erased).into_response());
-        }
-        for job in page {
-            let gone = if clouds_too {
-                files::erase_with_job(&app, &caller, &job.id).await
-            } else {
-                let deleted = app.store.by(&caller).delete_job(&job.id).await;
-                deleted.map(|job| (job, false))
-            };
-            match gone {
-                Ok((lookup, cloud)) => {
-                    erased.jobs += u64::from(matches!(lookup, Lookup::Found(_)));
-                    erased.clouds += u64::from(cloud);
-                    forget(&app, job.id);
-                }
-                Err(Error::Held) => erased.held += 1,
-                Err(error) => return Err(error.into()),
-            }
-        }
-    }
-}
-
-/// Lets caches and streams forget a job that is erased.
-pub(in crate::http) fn forget(app: &AppState, id: JobId) {
-    app.meshes.erase(&id);
-    app.feed.erased(id);
-}
-
 /// A label as lists name it.
+///
+/// # Errors
+/// What is wrong with the text.
 fn labelled(label: &str) -> std::result::Result<(String, String), String> {
     let (key, value) = label
         .split_once(':')
@@ -293,7 +238,7 @@ fn labelled(label: &str) -> std::result::Result<(String, String), String> {
 
 /// Puts the job into the queue; under a key its answer is kept in the same transaction.
 async fn submit(app: &AppState, caller: &Caller, new: NewJob, attempt: Attempt) -> Result<Job> {
-    let keep = attempt.with_job(|job| {
+    let keep = attempt.with(|job: &Job| {
         let headers = answer(StatusCode::ACCEPTED, job, None);
         StoredResponse {
             status: StatusCode::ACCEPTED.as_u16(),
@@ -339,7 +284,10 @@ fn check_one_cloud(asked: &JobRequest, upload: Option<&Upload>, dry_run: bool) -
 }
 
 /// The members of a part that may be empty.
-fn members_of(part: &str, body: Option<&[u8]>) -> Result<Members> {
+///
+/// # Errors
+/// As [`Members::of`].
+pub(in crate::http) fn members_of(part: &str, body: Option<&[u8]>) -> Result<Members> {
     match body {
         None | Some([]) => Ok(Map::<String, Value>::new().into()),
         Some(body) => Members::of_part(part, body),

@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use crate::config::Config;
+use crate::http::resources::jobs::source::{no_parts, not_chosen, one_source};
 use crate::http::resources::retention::Wanted;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::{self, Members};
@@ -29,7 +30,7 @@ pub(in crate::http) const PRIORITIES: RangeInclusive<i64> = -9..=9;
 const MIB: u64 = 1 << 20;
 
 /// A job that is asked for, with complete settings.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::http) struct JobRequest {
     /// The cloud, where it is not part of the request.
     pub(in crate::http) cloud_id: Option<CloudId>,
@@ -70,7 +71,7 @@ impl JobRequest {
                 members.fault(name, "is given in the address too".to_owned());
             }
         }
-        let source = members.take("source", extract::json::<Choice>).or(source);
+        let source = members.take("source", one_source).or(source);
         let preset = members
             .take("preset", |name| {
                 preset_named(name.as_str().unwrap_or_default())
@@ -105,7 +106,7 @@ impl JobRequest {
             preset_named(name.as_str().unwrap_or_default())
         });
         let given = members.take("settings", object).unwrap_or_default();
-        let source = members.take("source", extract::json::<Choice>);
+        let source = members.take("source", one_source);
         let ttl = members.take("ttl", wanted);
         let labels = labels(&mut members);
         let priority = members.take("priority", priority);
@@ -177,16 +178,38 @@ impl JobRequest {
             if self.source.is_none() {
                 return Ok(());
             }
-            let detail = "the cloud has no parts to choose from; leave the choice out";
-            return Err(ApiError::fault(Code::SourceUnknown, "/source", detail));
+            return Err(no_parts());
         };
-        let parts = &contents.parts;
-        let chosen = parts.choose(self.source.as_ref());
-        chosen.map(drop).map_err(|error| {
-            ApiError::fault(Code::from_name(error.code()), "/source", error.to_string())
-                .with("kind", json!(parts.kind))
-                .with("choices", json!(parts.items))
-        })
+        let chosen = contents.parts.choose(self.source.as_ref());
+        chosen
+            .map(drop)
+            .map_err(|error| not_chosen(&contents.parts, &error))
+    }
+
+    /// A request for each part of a file that is chosen; without a choice there are all parts.
+    ///
+    /// # Errors
+    /// [`Code::SourceMissing`] and [`Code::SourceUnknown`], both with the list.
+    pub(in crate::http) fn of_parts(
+        &self,
+        choices: &[Choice],
+        summary: &Summary,
+    ) -> Result<Vec<Self>> {
+        let of = |source: Choice| Self {
+            source: Some(source),
+            ..self.clone()
+        };
+        match (choices, &summary.segmentation) {
+            ([only], _) => Ok(vec![of(only.clone())]),
+            (_, None) => Err(no_parts()),
+            (_, Some(contents)) => {
+                let chosen = contents.parts.chosen(choices);
+                let chosen = chosen.map_err(|error| not_chosen(&contents.parts, &error))?;
+                // A number says which part it is, whatever the file calls its parts.
+                let parts = chosen.iter().map(|item| of(Choice::Label(item.number)));
+                Ok(parts.collect())
+            }
+        }
     }
 
     fn check_grid(&self, limit: u64) -> Result<()> {

@@ -5,6 +5,9 @@ use std::time::Duration;
 use axum::http::header::{LINK, LOCATION};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::Response;
+use tokio::sync::watch;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
 
 use crate::http::AppState;
 use crate::http::resources::jobs::answer::{PREFERENCE_APPLIED, answer, url};
@@ -75,8 +78,14 @@ impl Wish {
             };
             return Ok(answer(StatusCode::ACCEPTED, &job, place));
         };
-        let job = until_ended(app, &job, wait).await?;
-        let mut response = match (job.status, self.mesh) {
+        let mut patience = Patience::new(app, wait);
+        let job = loop {
+            let job = found(app.store.of(&job.tenant).job(&job.id).await?)?;
+            if job.status.is_final() || !patience.again().await {
+                break job;
+            }
+        };
+        let response = match (job.status, self.mesh) {
             (Status::Queued | Status::Running, _) => {
                 answer(StatusCode::ACCEPTED, &job, place(app, &job).await?)
             }
@@ -88,11 +97,19 @@ impl Wish {
             }
             (_, None) => answer(StatusCode::OK, &job, None),
         };
-        let applied = HeaderValue::try_from(format!("wait={}", wait.as_secs()));
-        let applied = applied.map_err(ApiError::internal)?;
-        response.headers_mut().insert(PREFERENCE_APPLIED, applied);
-        Ok(response)
+        waited(response, wait)
     }
+}
+
+/// Says in an answer that it was waited for.
+///
+/// # Errors
+/// None of the client's making.
+pub(in crate::http) fn waited(mut response: Response, wait: Duration) -> Result<Response> {
+    let applied = HeaderValue::try_from(format!("wait={}", wait.as_secs()));
+    let applied = applied.map_err(ApiError::internal)?;
+    response.headers_mut().insert(PREFERENCE_APPLIED, applied);
+    Ok(response)
 }
 
 /// The problem that a failed job ended with, as the answer itself.
@@ -104,23 +121,36 @@ fn failure(job: &Job) -> ApiError {
     }
 }
 
-/// The job once it has ended, the time is up, or the service stops.
-async fn until_ended(app: &AppState, job: &Job, wait: Duration) -> Result<Job> {
-    // Subscribed before the row is read: a commit in between is not missed.
-    let mut changed = app.store.changed();
-    let deadline = tokio::time::Instant::now() + wait;
-    loop {
-        changed.mark_unchanged();
-        let job = found(app.store.of(&job.tenant).job(&job.id).await?)?;
-        if job.status.is_final() || app.shutdown.is_cancelled() {
-            return Ok(job);
+/// Looks again and again at something that shall end, until the time is up.
+pub(in crate::http) struct Patience {
+    changed: watch::Receiver<u64>,
+    deadline: Instant,
+    shutdown: CancellationToken,
+}
+
+impl Patience {
+    /// Begins to wait; what is looked at afterwards has missed no commit.
+    pub(in crate::http) fn new(app: &AppState, wait: Duration) -> Self {
+        Self {
+            changed: app.store.changed(),
+            deadline: Instant::now() + wait,
+            shutdown: app.shutdown.clone(),
         }
-        tokio::select! {
-            _ = changed.changed() => tokio::time::sleep(PAUSE).await,
-            () = tokio::time::sleep(POLL) => {}
-            () = app.shutdown.cancelled() => {}
-            () = tokio::time::sleep_until(deadline) => return Ok(job),
-        }
+    }
+
+    /// Waits until it is worth to look again; `false` when the time is up, or the service stops.
+    pub(in crate::http) async fn again(&mut self) -> bool {
+        let goes_on = tokio::select! {
+            () = self.shutdown.cancelled() => false,
+            () = tokio::time::sleep_until(self.deadline) => false,
+            () = tokio::time::sleep(POLL) => true,
+            _ = self.changed.changed() => {
+                tokio::time::sleep(PAUSE).await;
+                true
+            }
+        };
+        self.changed.mark_unchanged();
+        goes_on
     }
 }
 

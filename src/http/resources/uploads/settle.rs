@@ -50,9 +50,11 @@ async fn cloud_of(app: &AppState, caller: &Caller, upload: &Upload) -> Result<(j
         hint: upload.hint,
         as_fields: false,
         assume_orientation: upload.assume_orientation,
+        keep_identifiers: false,
     };
     let keep = Wanted::keep(None, app.config.cloud_ttl);
-    files::keep(app, caller, whole, keep).await
+    let usable = files::usable(app, &caller.tenant, whole).await?;
+    files::keep(app, caller, usable, keep).await
 }
 
 /// Finishes what the last server left, and erases the uploads whose time is over.

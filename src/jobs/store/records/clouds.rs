@@ -2,7 +2,7 @@
 
 use sqlx::sqlite::SqliteRow;
 
-use super::audit::Act;
+use super::act::Act;
 use super::row::{Columns, integer, to_json};
 use crate::jobs::store::{Acts, Records, Store};
 use crate::jobs::{Cloud, CloudId, NewCloud, Result};
@@ -18,13 +18,15 @@ impl Acts<'_> {
             .write(move |mut tx| {
                 Box::pin(async move {
                     let id = CloudId::new();
-                    // The one that is there is kept for the longer of the two times; NULL is for ever.
+                    // The one that is there is kept for the longer of the two times; NULL is for ever. It is
+                    // read as the last upload asked for.
                     let row = sqlx::query(
                     "INSERT INTO clouds (id, sha256, bytes, format, points, summary, created_at,
                          tenant, expires_at)
                      VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?7 + ?9)
                      ON CONFLICT (tenant, sha256)
-                     DO UPDATE SET expires_at = MAX(clouds.expires_at, excluded.expires_at)
+                     DO UPDATE SET summary = excluded.summary,
+                         expires_at = MAX(clouds.expires_at, excluded.expires_at)
                      RETURNING *",
                 )
                 .bind(id.as_str())

@@ -5,7 +5,7 @@ use sqlx::sqlite::SqliteRow;
 use super::row::{Columns, to_json};
 use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::store::{Records, Store};
-use crate::jobs::{Event, EventKind, JobId, NewEvent, Result};
+use crate::jobs::{BatchId, Event, EventKind, JobId, NewEvent, Result};
 
 impl Records<'_> {
     /// Events of a job after the given id, oldest first.
@@ -30,6 +30,29 @@ impl Records<'_> {
         sqlx::query(select)
             .bind(self.tenant.as_str())
             .bind(seq)
+            .bind(limit)
+            .fetch_all(self.readers())
+            .await?
+            .iter()
+            .map(event_of)
+            .collect()
+    }
+
+    /// Events of all jobs of a batch after the given place, oldest first.
+    pub async fn batch_events_after(
+        self,
+        id: &BatchId,
+        seq: i64,
+        limit: u32,
+    ) -> Result<Vec<Event>> {
+        // With the plus they are read in their order, not job by job and then sorted.
+        let select = "SELECT * FROM events WHERE tenant = ?1 AND seq > ?2
+                      AND +job_id IN (SELECT id FROM jobs WHERE batch_id = ?3)
+                      ORDER BY seq LIMIT ?4";
+        sqlx::query(select)
+            .bind(self.tenant.as_str())
+            .bind(seq)
+            .bind(id.as_str())
             .bind(limit)
             .fetch_all(self.readers())
             .await?

@@ -9,16 +9,16 @@ use super::tombstones;
 use crate::identity::Tenant;
 use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::store::{Acts, Store};
-use crate::jobs::{CloudId, Error, Job, JobId, Result, Tombstone};
+use crate::jobs::{BatchId, CloudId, Error, Job, JobId, Result, Tombstone};
 
-/// Makes [`Acts::submit`] keep its answer under a key that was begun.
-pub struct Idempotency {
+/// Makes [`Acts::submit`] and [`Acts::submit_batch`] keep their answer under a key that was begun.
+pub struct Idempotency<T = Job> {
     /// The client's key.
     pub key: String,
     /// Method and route.
     pub scope: String,
-    /// Writes the answer; called once, in the transaction that writes the job.
-    pub respond: Box<dyn FnOnce(&Job) -> StoredResponse + Send>,
+    /// Writes the answer; called once, in the transaction of what is made.
+    pub respond: Box<dyn FnOnce(&T) -> StoredResponse + Send>,
 }
 
 /// An answer as it is given again.
@@ -47,7 +47,12 @@ pub enum IdempotencyState {
     Gone(Tombstone),
     /// The same request was answered with a cloud that was erased since.
     CloudGone(Tombstone),
+    /// The same request was answered with a batch that was erased since.
+    BatchGone(Tombstone),
 }
+
+/// What is known of a key whose answer told of something that was erased.
+type Gone = fn(Tombstone) -> IdempotencyState;
 
 /// What an answer tells of: it is emptied when that is erased.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -56,6 +61,8 @@ pub enum Subject {
     Job(JobId),
     /// A cloud.
     Cloud(CloudId),
+    /// A batch.
+    Batch(BatchId),
 }
 
 impl Subject {
@@ -63,6 +70,7 @@ impl Subject {
         match self {
             Self::Job(id) => id.as_str(),
             Self::Cloud(id) => id.as_str(),
+            Self::Batch(id) => id.as_str(),
         }
     }
 }
@@ -106,17 +114,18 @@ impl Acts<'_> {
                     if columns.get::<String>("request_sha256")? != request_sha256 {
                         return Ok(IdempotencyState::Mismatch);
                     }
-                    if let Some(job) = columns.get::<Option<String>>("job_id")?
-                        && let Some(tombstone) =
-                            tombstones::find(&mut *tx.db, &tenant, &job).await?
-                    {
-                        return Ok(IdempotencyState::Gone(tombstone));
-                    }
-                    if let Some(cloud) = columns.get::<Option<String>>("cloud_id")?
-                        && let Some(tombstone) =
-                            tombstones::find(&mut *tx.db, &tenant, &cloud).await?
-                    {
-                        return Ok(IdempotencyState::CloudGone(tombstone));
+                    let gone: [(_, Gone); 3] = [
+                        ("job_id", IdempotencyState::Gone),
+                        ("cloud_id", IdempotencyState::CloudGone),
+                        ("batch_id", IdempotencyState::BatchGone),
+                    ];
+                    for (column, state) in gone {
+                        if let Some(id) = columns.get::<Option<String>>(column)?
+                            && let Some(tombstone) =
+                                tombstones::find(&mut *tx.db, &tenant, &id).await?
+                        {
+                            return Ok(state(tombstone));
+                        }
                     }
                     let Some(status) = columns.get::<Option<i64>>("status")? else {
                         return Ok(IdempotencyState::InFlight);
@@ -220,16 +229,16 @@ impl Store {
 }
 
 impl Transaction<'_> {
-    /// Keeps the answer to the submission of a job.
-    pub(in crate::jobs::store) async fn keep_answer(
+    /// Keeps the answer to the submission of what was made for the tenant.
+    pub(in crate::jobs::store) async fn keep_answer<T>(
         &mut self,
-        asked: Idempotency,
-        job: &Job,
+        asked: Idempotency<T>,
+        (made, subject): (&T, Subject),
+        tenant: &Tenant,
     ) -> Result<()> {
-        let response = (asked.respond)(job);
-        let subject = Some(Subject::Job(job.id.clone()));
-        let begun = (job.tenant.clone(), asked.key, asked.scope);
-        self.complete(&begun, subject, response).await
+        let response = (asked.respond)(made);
+        let begun = (tenant.clone(), asked.key, asked.scope);
+        self.complete(&begun, Some(subject), response).await
     }
 
     /// Empties the answers that tell of what is erased. Their keys stay: a request that comes again
@@ -241,6 +250,9 @@ impl Transaction<'_> {
             }
             Subject::Cloud(_) => {
                 "UPDATE idempotency SET headers = '[]', body = x'' WHERE cloud_id = ?1"
+            }
+            Subject::Batch(_) => {
+                "UPDATE idempotency SET headers = '[]', body = x'' WHERE batch_id = ?1"
             }
         };
         sqlx::query(statement)
@@ -264,14 +276,16 @@ impl Transaction<'_> {
             response.headers.clear();
             response.body.clear();
         }
-        let (job, cloud) = match &subject {
-            Some(Subject::Job(id)) => (Some(id.as_str()), None),
-            Some(Subject::Cloud(id)) => (None, Some(id.as_str())),
-            None => (None, None),
-        };
+        let [mut job, mut cloud, mut batch] = [None; 3];
+        match &subject {
+            Some(Subject::Job(id)) => job = Some(id.as_str()),
+            Some(Subject::Cloud(id)) => cloud = Some(id.as_str()),
+            Some(Subject::Batch(id)) => batch = Some(id.as_str()),
+            None => {}
+        }
         let completed = sqlx::query(
             "UPDATE idempotency SET status = ?3, headers = ?4, body = ?5, job_id = ?6,
-                 cloud_id = ?7
+                 cloud_id = ?7, batch_id = ?9
              WHERE key = ?1 AND scope = ?2 AND tenant = ?8 AND status IS NULL",
         )
         .bind(key)
@@ -282,6 +296,7 @@ impl Transaction<'_> {
         .bind(job)
         .bind(cloud)
         .bind(tenant.as_str())
+        .bind(batch)
         .execute(&mut *self.db)
         .await?;
         if completed.rows_affected() == 1 {

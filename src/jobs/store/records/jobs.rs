@@ -3,8 +3,8 @@
 use sqlx::Executor;
 use sqlx::sqlite::{Sqlite, SqliteRow};
 
-use super::audit::Act;
-use super::idempotency::Idempotency;
+use super::act::Act;
+use super::idempotency::{Idempotency, Subject};
 use super::outcome::{Fence, Outcome};
 use super::queue::cost_ms;
 use super::retention::keep_of;
@@ -14,8 +14,8 @@ use crate::identity::{Caller, Tenant};
 use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::store::{Acts, Records, Store};
 use crate::jobs::{
-    CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewEvent, NewJob, Result, Status,
-    Verdict,
+    BatchId, CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewEvent, NewJob, Result,
+    Status, Verdict,
 };
 
 /// A page of jobs that fulfil a condition and the filters.
@@ -28,6 +28,7 @@ macro_rules! list {
               AND (?2 IS NULL OR status = ?2)
               AND (?3 IS NULL OR cloud_id = ?3)
               AND (?4 IS NULL OR created_at > ?4)
+              AND (?10 IS NULL OR batch_id = ?10)
               AND (?5 IS NULL OR EXISTS (SELECT 1 FROM json_each(jobs.labels)
                                          WHERE key || ':' || value = ?5 || ':' || ?6))
               ORDER BY id DESC LIMIT ?7"
@@ -46,10 +47,12 @@ impl Acts<'_> {
         self.store
             .write(move |mut tx| {
                 Box::pin(async move {
-                    let job = tx.insert_job(&new, &caller).await?;
+                    let job = tx.insert_job(&new, &caller, None).await?;
                     tx.witness(&caller, Act::JobCreate, job.id.as_str()).await?;
                     if let Some(idempotency) = idempotency {
-                        tx.keep_answer(idempotency, &job).await?;
+                        let subject = Subject::Job(job.id.clone());
+                        tx.keep_answer(idempotency, (&job, subject), &caller.tenant)
+                            .await?;
                     }
                     Ok(job)
                 })
@@ -106,6 +109,7 @@ impl Records<'_> {
             .bind(limit)
             .bind(filter.verdict.map(Verdict::name))
             .bind(self.tenant.as_str())
+            .bind(filter.batch_id.as_ref().map(BatchId::as_str))
             .fetch_all(self.readers())
             .await?
             .iter()
@@ -150,7 +154,11 @@ impl Store {
 }
 
 impl Transaction<'_> {
-    async fn request_cancel(&mut self, id: &JobId, caller: &Caller) -> Result<Lookup> {
+    pub(in crate::jobs::store) async fn request_cancel(
+        &mut self,
+        id: &JobId,
+        caller: &Caller,
+    ) -> Result<Lookup> {
         let Some(job) = find_job(&mut *self.db, id, &caller.tenant).await? else {
             return find_tombstone(&mut *self.db, id, &caller.tenant).await;
         };
@@ -168,7 +176,13 @@ impl Transaction<'_> {
         Ok(Lookup::Found(Box::new(self.load_job(id).await?)))
     }
 
-    async fn insert_job(&mut self, new: &NewJob, caller: &Caller) -> Result<Job> {
+    /// Puts a job into the queue, of a batch or alone.
+    pub(in crate::jobs::store) async fn insert_job(
+        &mut self,
+        new: &NewJob,
+        caller: &Caller,
+        batch: Option<&BatchId>,
+    ) -> Result<Job> {
         let select = "SELECT 1 FROM clouds WHERE id = ?1 AND tenant = ?2";
         let cloud: Option<i64> = sqlx::query_scalar(select)
             .bind(new.cloud_id.as_str())
@@ -189,8 +203,9 @@ impl Transaction<'_> {
         let id = JobId::new();
         sqlx::query(
             "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, derived_from,
-                 created_at, source, tenant, priority, cost_ms, account, keep_ms, once)
-             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14)",
+                 created_at, source, tenant, priority, cost_ms, account, keep_ms, once,
+                 batch_id)
+             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15)",
         )
         .bind(id.as_str())
         .bind(new.cloud_id.as_str())
@@ -206,6 +221,7 @@ impl Transaction<'_> {
         .bind(caller.account().into_owned())
         .bind(new.keep.ms)
         .bind(new.keep.once)
+        .bind(batch.map(BatchId::as_str))
         .execute(&mut *self.db)
         .await?;
         let queued = NewEvent::Queued {
@@ -273,6 +289,7 @@ pub(in crate::jobs::store) fn job_of(row: &SqliteRow) -> Result<Job> {
         labels: columns.json("labels")?,
         source: columns.optional_json("source")?,
         derived_from: columns.name("derived_from")?,
+        batch_id: columns.name("batch_id")?,
         priority: columns.get("priority")?,
         created_at: columns.get("created_at")?,
         started_at: columns.get("started_at")?,

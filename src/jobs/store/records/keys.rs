@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use sqlx::sqlite::SqliteRow;
 
-use super::audit::Act;
+use super::act::Act;
 use super::row::{Columns, to_json};
 use crate::identity::{Key, Scope, file};
 use crate::jobs::store::{Acts, Store};

@@ -1,7 +1,9 @@
 //! The rows, one file a noun.
 
+pub(in crate::jobs::store) mod act;
 pub(in crate::jobs::store) mod attempts;
 pub(in crate::jobs::store) mod audit;
+pub(in crate::jobs::store) mod batches;
 pub(in crate::jobs::store) mod checkpoints;
 pub(in crate::jobs::store) mod clouds;
 pub(in crate::jobs::store) mod events;

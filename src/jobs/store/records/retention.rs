@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use sqlx::sqlite::SqliteRow;
 
-use super::audit::Act;
+use super::act::Act;
 use super::clouds::cloud_of;
 use super::idempotency::Subject;
 use super::jobs::{find_job, find_tombstone};
@@ -278,6 +278,9 @@ impl Transaction<'_> {
         self.leave_tombstone(&caller.tenant, id.as_str(), reason)
             .await?;
         self.witness(caller, Act::JobDelete, id.as_str()).await?;
+        if let Some(batch) = &job.batch_id {
+            self.leave_batch(batch, caller, reason).await?;
+        }
         Ok(Lookup::Found(Box::new(job)))
     }
 

@@ -1,4 +1,4 @@
-//! What stays of erased jobs, clouds and uploads.
+//! What stays of erased jobs, batches, clouds and uploads.
 
 use sqlx::Executor;
 use sqlx::sqlite::Sqlite;
@@ -7,11 +7,16 @@ use super::row::Columns;
 use crate::identity::Tenant;
 use crate::jobs::store::Records;
 use crate::jobs::store::sqlite::writer::Transaction;
-use crate::jobs::{CloudId, Reason, Result, Tombstone, UploadId};
+use crate::jobs::{BatchId, CloudId, Reason, Result, Tombstone, UploadId};
 
 impl Records<'_> {
     /// What stays of a cloud, if it was here and was erased.
     pub async fn cloud_tombstone(self, id: &CloudId) -> Result<Option<Tombstone>> {
+        find(self.readers(), self.tenant, id.as_str()).await
+    }
+
+    /// What stays of a batch, if it was here and was erased.
+    pub async fn batch_tombstone(self, id: &BatchId) -> Result<Option<Tombstone>> {
         find(self.readers(), self.tenant, id.as_str()).await
     }
 
@@ -22,7 +27,7 @@ impl Records<'_> {
 }
 
 impl Transaction<'_> {
-    /// Leaves a tombstone for the job, cloud or upload of the given name.
+    /// Leaves a tombstone for the job, batch, cloud or upload of the given name.
     pub(in crate::jobs::store) async fn leave_tombstone(
         &mut self,
         tenant: &Tenant,

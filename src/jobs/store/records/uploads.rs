@@ -3,7 +3,7 @@
 
 use sqlx::sqlite::SqliteRow;
 
-use super::audit::Act;
+use super::act::Act;
 use super::row::{Columns, integer, to_json};
 use crate::identity::Tenant;
 use crate::jobs::store::{Acts, Records, Store};

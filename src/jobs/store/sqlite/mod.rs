@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
 /// Names and texts of the migrations, in their order.
 pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 14] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 15] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -101,6 +101,10 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 14] = [
     (
         "retention",
         include_str!("../../../../migrations/0014_retention.sql"),
+    ),
+    (
+        "batches",
+        include_str!("../../../../migrations/0015_batches.sql"),
     ),
 ];
 

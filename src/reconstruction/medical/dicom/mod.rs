@@ -1,11 +1,13 @@
 //! DICOM: segmentations (SEG) and radiotherapy structure sets (RT-STRUCT).
 //!
-//! Of the data set only the geometry and what segments are called is looked at.
+//! Of the data set only the geometry and what segments are called is looked at, and patient and study where the
+//! user asks for them.
 
 mod charset;
 mod contours;
 mod element;
 mod frames;
+mod identity;
 mod parser;
 mod pixels;
 mod planes;
@@ -18,6 +20,7 @@ use std::borrow::Cow;
 
 use super::{Reading, Segmentation};
 use crate::reconstruction::cloud::Error;
+use crate::reconstruction::slices::Identifiers;
 use element::DataSet;
 use syntax::Syntax;
 
@@ -58,12 +61,7 @@ pub(in crate::reconstruction) fn read<'a>(
     bytes: &'a [u8],
     reading: &Reading,
 ) -> Result<Segmentation<'a>, Error> {
-    let start = if has_mark(bytes) {
-        PREAMBLE + MARK.len()
-    } else {
-        0
-    };
-    let (syntax, body) = syntax::meta(&bytes[start..])?;
+    let (syntax, body) = syntax::meta(unmarked(bytes))?;
     if syntax == Syntax::Deflated {
         let inflated = syntax::inflated(body, reading.max_expanded_bytes)?;
         let data_set = parser::data_set(&inflated, syntax)?;
@@ -73,6 +71,32 @@ pub(in crate::reconstruction) fn read<'a>(
     }
     let data_set = parser::data_set(body, syntax)?;
     open(&data_set, &syntax, reading, Cow::Borrowed)
+}
+
+/// Patient and study of a file; what is packed in it may expand to so many bytes.
+///
+/// # Errors
+/// What is wrong with it, or is not read.
+pub(in crate::reconstruction) fn identifiers(
+    bytes: &[u8],
+    max_expanded_bytes: usize,
+) -> Result<Identifiers, Error> {
+    let (syntax, body) = syntax::meta(unmarked(bytes))?;
+    let body = match syntax {
+        Syntax::Deflated => Cow::Owned(syntax::inflated(body, max_expanded_bytes)?),
+        _ => Cow::Borrowed(body),
+    };
+    let data_set = parser::data_set(&body, syntax)?;
+    Ok(identity::identifiers(&data_set))
+}
+
+/// The bytes behind the mark, if there is one.
+fn unmarked(bytes: &[u8]) -> &[u8] {
+    if has_mark(bytes) {
+        &bytes[PREAMBLE + MARK.len()..]
+    } else {
+        bytes
+    }
 }
 
 /// Opens what a data set is of; `keep` takes over the bytes of pixels.
