@@ -1,25 +1,12 @@
 //! Requests in a minute of a tenant and of a key.
 
-use std::collections::HashMap;
-use std::sync::{Mutex, PoisonError};
-
+use super::window::{self, Quota};
 use crate::http::wire::quota::{Left, Standing};
 use crate::identity::{Caller, Holder, Measure, Policy};
 
-/// Most windows that are remembered: there are as many as tenants and keys, unless those of the file
-/// change all the time.
-const MOST: usize = 65_536;
-
-/// The windows of all tenants and keys. A restart begins them anew: they are a minute long.
+/// The windows of all tenants and keys.
 #[derive(Debug, Default)]
-pub(in crate::http) struct Windows(Mutex<HashMap<(Holder, String), Window>>);
-
-#[derive(Debug, Clone, Copy)]
-struct Window {
-    /// In milliseconds since the epoch.
-    began: i64,
-    requests: u64,
-}
+pub(in crate::http) struct Windows(window::Windows<(Holder, String)>);
 
 impl Windows {
     /// Counts a request, at a time in milliseconds since the epoch. One that is refused counts, too,
@@ -34,32 +21,18 @@ impl Windows {
     }
 
     fn count_one(&self, caller: &Caller, policy: Policy, now: i64) -> Left {
-        let length = i64::from(policy.window().unwrap_or(60)) * 1_000;
         let whose = match policy.holder {
-            Holder::Tenant => caller.tenant.as_str(),
-            Holder::Account => &caller.account(),
+            Holder::Tenant => caller.tenant.as_str().to_owned(),
+            Holder::Account => caller.account().into_owned(),
         };
-        let mut windows = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        // A clock that was set back must not lock anybody out for longer than a window.
-        let open = |window: &Window| (0..length).contains(&(now - window.began));
-        if windows.len() >= MOST {
-            windows.retain(|_, window| open(window));
-        }
-        let new = Window {
-            began: now,
-            requests: 0,
+        let quota = Quota {
+            most: policy.quota,
+            window_ms: i64::from(policy.window().unwrap_or(60)) * 1_000,
         };
-        let window = windows
-            .entry((policy.holder, whose.to_owned()))
-            .or_insert(new);
-        if !open(window) {
-            *window = new;
-        }
-        let free = window.requests < policy.quota;
-        window.requests += u64::from(free);
+        let counted = self.0.count((policy.holder, whose), quota, now);
         Left {
-            units: free.then(|| policy.quota - window.requests),
-            reset: Some(((window.began + length - now) as u32).div_ceil(1_000)),
+            units: counted.left,
+            reset: Some(counted.reset),
         }
     }
 }

@@ -13,3 +13,4 @@ pub(in crate::http) mod sessions;
 mod stream;
 pub(in crate::http) mod tags;
 pub(in crate::http) mod tls;
+mod window;
