@@ -62,6 +62,11 @@ done
 ! ask --tlsv1.0 --tls-max 1.1 --ciphers DEFAULT@SECLEVEL=0 2>/dev/null || fail "TLS 1.1 is taken"
 ! curl -sS -o answer "http://${address#https://}/v1/version" 2>/dev/null || fail "plain HTTP is answered"
 becomes first
+probe() { "$program" health --listen "${address#https://}" "$@"; }
+probe --tls-cert cert.pem || fail "the service with this certificate does not live"
+said=$(probe --tls-cert second.pem 2>&1) && fail "a probe takes another certificate"
+grep -q "another certificate" <<<"$said" || fail "$said"
+! probe 2>/dev/null || fail "a probe without TLS is answered"
 
 # A certificate that changes on the disk, one that is of no use, and a signal.
 cp second.pem cert.pem; cp second.key key.pem
@@ -122,4 +127,4 @@ said=$("$program" serve --listen 127.0.0.1:0 --data-dir data --tls-cert cert.pem
 grep -q "cert.pem with key.pem" <<<"$said" || fail "$said"
 said=$("$program" serve --data-dir data --tls-cert cert.pem 2>&1) && fail "a certificate without a key is taken"
 grep -q "go together" <<<"$said" || fail "$said"
-echo "tls: versions, new certificates, silent clients, certificates of clients"
+echo "tls: versions, probes, new certificates, silent clients, certificates of clients"
