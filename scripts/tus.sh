@@ -22,7 +22,7 @@ fi
 cp "$root/scripts/tus/flow.mjs" "$check"
 
 . "$root/scripts/served.sh"
-"$program" sample sphere --points 40000 --output "$work/cloud.ply" >/dev/null
+"$program" sample sphere --points 60000 --output "$work/cloud.ply" >/dev/null
 node "$check/flow.mjs" "$address" "$work/cloud.ply" "$key"
 
 # Begun, cut, asked for, gone on with after the server was killed.

@@ -10,12 +10,13 @@ const bytes = await readFile(path);
 const headers = { Authorization: `Bearer ${key}` };
 const ask = (where, more = {}) => fetch(new URL(where, address), { headers, ...more });
 
-// Cuts each connection after some bytes on the way in, until there were enough cuts.
+// Cuts each connection after some bytes on the way in, until there were enough cuts. One lets through 25,000 bytes and a
+// chunk of 65,536 at most, so that the file of 1.4 MB has room for twelve.
 let cuts = 0;
 const service = new URL(address);
 const proxy = net.createServer((client) => {
   const there = net.connect(Number(service.port), service.hostname);
-  let left = cuts < 12 ? 20_000 + Math.floor(Math.random() * 60_000) : Infinity;
+  let left = cuts < 12 ? 5_000 + Math.floor(Math.random() * 20_000) : Infinity;
   const end = () => (client.destroy(), there.destroy());
   client.on("data", (chunk) => {
     there.write(chunk);
