@@ -166,6 +166,8 @@ test('one click compares the schemes of the publication', async () => {
   await page.getByRole('combobox', { name: 'Shown' }).selectOption('Gradients, by layer');
   await page.getByRole('img', { name: /linear/ }).nth(4).waitFor();
   await page.getByRole('link', { name: 'sqrhw' }).click();
+  // The comparison, which has five of what comes next, is gone.
+  await page.getByRole('heading', { name: 'Compare' }).waitFor({ state: 'detached' });
   await page.getByText('Components of the gradient').waitFor();
   await page.getByRole('img', { name: /linear/ }).waitFor();
   assert.deepEqual(await violations(page), []);
