@@ -27,7 +27,13 @@ pub(crate) async fn lag(report: &mut Report) {
 
 /// Streams of jobs that wait, each its own; and what they do to a stream beside them.
 pub(crate) async fn many(report: &mut Report) {
-    let server = Server::start(&["--script=sleep:3600", "--max-streams=1000"]).await;
+    // All streams are those of one client here.
+    let server = Server::start(&[
+        "--script=sleep:3600",
+        "--max-streams=1000",
+        "--max-streams-per-client=1000",
+    ])
+    .await;
     let cloud = server.upload(1_000).await;
     let mut lags = watch(&server, &cloud, "job.queued").await;
     report.row("event, no other streams", &lags.summary());
