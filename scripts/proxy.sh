@@ -9,6 +9,7 @@ set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
 program=$(realpath -m "${MESHWAY:-$root/target/release/meshway}")
 fail() { echo "proxy: $*" >&2; tail -n 8 "$work"/log "$work"/proxy.log >&2 || true; exit 1; }
+PATH=$PATH:/usr/sbin
 for tool in nginx caddy curl openssl; do
   command -v $tool >/dev/null || { echo "proxy: no $tool (Debian: apt-get install $tool)" >&2; exit 1; }
 done
