@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 
-use sqlx::sqlite::Sqlite;
+use sqlx::sqlite::{Sqlite, SqliteConnection};
 use sqlx::{Executor, Row};
 
 use super::outcome::Fence;
@@ -37,10 +37,11 @@ impl Records<'_> {
         if !own {
             return Ok(None);
         }
-        let Some((position, upto_ms, cost_ms)) = place(self.readers(), id).await? else {
+        let mut at_once = self.readers().begin().await?;
+        let Some((position, upto_ms, cost_ms)) = place(&mut at_once, id).await? else {
             return Ok(None);
         };
-        let running_ms = running_ms(self.readers()).await?;
+        let running_ms = running_ms(&mut *at_once).await?;
         Ok(Some(Place {
             position,
             before_ms: running_ms + upto_ms - cost_ms,
@@ -163,30 +164,46 @@ impl Transaction<'_> {
 }
 
 /// Number of a waiting job in the queue, the estimated work up to its end, and its own.
-async fn place<'e>(
-    db: impl Executor<'e, Database = Sqlite>,
-    id: &JobId,
-) -> Result<Option<(u64, u64, u64)>> {
-    let row = sqlx::query(
-        "WITH waiting AS MATERIALIZED (SELECT * FROM queue),
-              own AS (SELECT * FROM waiting WHERE id = ?1)
-         SELECT COUNT(*) AS position, SUM(waiting.cost_ms) AS upto_ms, own.cost_ms AS cost_ms
-         FROM own JOIN waiting ON (waiting.turn, waiting.created_at, waiting.id)
-                               <= (own.turn, own.created_at, own.id)
+///
+/// The jobs of its own tenant are a range of the index, and those of the others are looked at only
+/// where there are any: a submit asks for this, so that it must not cost what the whole view costs.
+async fn place(db: &mut SqliteConnection, id: &JobId) -> Result<Option<(u64, u64, u64)>> {
+    let own = sqlx::query(
+        "SELECT own.tenant, own.created_at, own.cost_ms,
+                COUNT(*) AS position, SUM(ahead.cost_ms) AS upto_ms,
+                MAX(COALESCE((SELECT served_ms FROM turns WHERE turns.tenant = own.tenant), 0),
+                    (SELECT turn FROM now_served))
+                + SUM(ahead.cost_ms) - own.cost_ms AS turn
+         FROM jobs AS own JOIN jobs AS ahead INDEXED BY jobs_waiting
+             ON ahead.status = 'queued' AND ahead.tenant = own.tenant
+                AND (-ahead.priority, ahead.created_at, ahead.id)
+                    <= (-own.priority, own.created_at, own.id)
+         WHERE own.id = ?1 AND own.status = 'queued'
          GROUP BY own.id",
     )
     .bind(id.as_str())
-    .fetch_optional(db)
+    .fetch_optional(&mut *db)
     .await?;
-    row.map(|row| {
-        let columns = Columns::new("jobs", &row);
-        Ok((
-            columns.count("position")?,
-            columns.count("upto_ms")?,
-            columns.count("cost_ms")?,
-        ))
-    })
-    .transpose()
+    let Some(own) = own else {
+        return Ok(None);
+    };
+    let own = Columns::new("jobs", &own);
+    let others = sqlx::query(
+        "SELECT COUNT(*) AS position, COALESCE(SUM(cost_ms), 0) AS upto_ms FROM queue
+         WHERE tenant <> ?1 AND (turn, created_at, id) <= (?2, ?3, ?4)",
+    )
+    .bind(own.get::<&str>("tenant")?)
+    .bind(own.get::<i64>("turn")?)
+    .bind(own.get::<i64>("created_at")?)
+    .bind(id.as_str())
+    .fetch_one(db)
+    .await?;
+    let others = Columns::new("jobs", &others);
+    Ok(Some((
+        own.count("position")? + others.count("position")?,
+        own.count("upto_ms")? + others.count("upto_ms")?,
+        own.count("cost_ms")?,
+    )))
 }
 
 /// Estimated work that is left of the running jobs, in milliseconds.
