@@ -21,6 +21,7 @@ pub mod identity;
 pub mod intake;
 pub mod jobs;
 pub mod reconstruction;
+pub mod webhooks;
 
 mod nearest;
 mod process;

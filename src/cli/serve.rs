@@ -18,6 +18,7 @@ use crate::config::{ClientAuth, Config, file_arguments};
 use crate::http::{self, App, AppState, Tls, TlsFiles};
 use crate::identity::Keyring;
 use crate::jobs::{Store, Supervisor, store, supervisor, worker};
+use crate::webhooks::{Policy, Post, Sender};
 
 /// How long workers may take to give their jobs back at the end; then they are killed. With the ten
 /// seconds that requests have after that it stays below the longest end.
@@ -132,6 +133,9 @@ async fn serve(
         config.keys.add(key);
     }
     let tls = tls(config)?;
+    let post = Post::new(Policy::of(config), config.webhook_ca.as_deref())
+        .map_err(|error| Failure::Usage(format!("--webhook-ca {error}")))?;
+    let sender = Sender::new(store.clone(), post);
     let listen = |error| Failure::Output(format!("--listen {}: {error}", config.listen));
     let listener = TcpListener::bind(config.listen).await.map_err(listen)?;
     let address = listener.local_addr().map_err(listen)?;
@@ -162,6 +166,7 @@ async fn serve(
     }
     tokio::spawn(upkeep::keep_audit(store.clone(), config.clone()));
     tokio::spawn(http::keep_sweeping(AppState::clone(&app)));
+    tokio::spawn(sender.run(shutdown.clone()));
     let scheme = if tls.is_some() { "https" } else { "http" };
     tracing::info!("listening on {scheme}://{address}");
     if tls.is_none() && !config.keys.is_empty() && !config.listen.ip().is_loopback() {

@@ -55,6 +55,9 @@ pub(super) async fn keep_audit(store: Store, config: Config) {
         if let Err(error) = store.forget_compute().await {
             tracing::warn!(error.message = %error, "old worked time was not forgotten");
         }
+        if let Err(error) = store.forget_deliveries().await {
+            tracing::warn!(error.message = %error, "old messages to webhooks were not forgotten");
+        }
         match store.audit_head().await {
             Ok(head) if head.seq > 0 => {
                 tracing::info!(head = format!("{}:{}", head.seq, head.hash), "audit trail");

@@ -7,10 +7,13 @@
 mod file;
 mod ttl;
 
+use std::fmt::Display;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use clap::Args;
+use ipnet::IpNet;
 use serde::{Deserialize, Serialize};
 
 use crate::identity::Keyring;
@@ -178,6 +181,20 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_LOG_FORMAT", default_value = "text", value_enum)]
     pub log_format: LogFormat,
 
+    /// Networks that receivers of webhooks may be in, as in `10.20.0.0/16`, with commas between them.
+    /// Other receivers must be on the public internet and use TLS.
+    #[arg(long, env = "MESHWAY_WEBHOOK_NETWORKS", default_value = "", value_parser = list::<IpNet>)]
+    pub webhook_networks: String,
+
+    /// Ports that receivers of webhooks may have besides 80, 443 and 8000 to 9999, with commas between
+    /// them.
+    #[arg(long, env = "MESHWAY_WEBHOOK_PORTS", default_value = "", value_parser = list::<u16>)]
+    pub webhook_ports: String,
+
+    /// Authorities of receivers of webhooks, as PEM, besides those that the system knows.
+    #[arg(long, env = "MESHWAY_WEBHOOK_CA")]
+    pub webhook_ca: Option<PathBuf>,
+
     /// Days that rows of the audit trail are kept: six years, as HIPAA asks of such records.
     #[arg(long, env = "MESHWAY_AUDIT_KEEP_DAYS", default_value_t = 2_192,
           value_parser = clap::value_parser!(u32).range(1..=36_500))]
@@ -225,6 +242,24 @@ fn base_path(text: &str) -> Result<String, String> {
     }
 }
 
+/// Values with commas between them, as they were given.
+fn list<T: FromStr<Err: Display>>(text: &str) -> Result<String, String> {
+    let faults = parts(text).filter_map(|part| {
+        let fault = part.parse::<T>().err()?;
+        Some(format!("{part}: {fault}"))
+    });
+    match faults.collect::<Vec<_>>() {
+        faults if faults.is_empty() => Ok(text.to_owned()),
+        faults => Err(faults.join("; ")),
+    }
+}
+
+/// The parts of a list with commas.
+fn parts(list: &str) -> impl Iterator<Item = &str> {
+    let parts = list.split(',').map(str::trim);
+    parts.filter(|part| !part.is_empty())
+}
+
 /// What is asked of clients in the handshake.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
@@ -258,12 +293,23 @@ impl Config {
 
     /// Origins of other sites whose pages may use the service.
     pub fn origins(&self) -> impl Iterator<Item = &str> {
-        let origins = self.allowed_origins.split(',').map(str::trim);
-        origins.filter(|origin| !origin.is_empty())
+        parts(&self.allowed_origins)
+    }
+
+    /// Networks that receivers of webhooks may be in.
+    pub fn webhook_networks(&self) -> Vec<IpNet> {
+        let networks = parts(&self.webhook_networks);
+        networks.filter_map(|part| part.parse().ok()).collect()
+    }
+
+    /// Ports that they may have besides the usual ones.
+    pub fn webhook_ports(&self) -> Vec<u16> {
+        let ports = parts(&self.webhook_ports);
+        ports.filter_map(|part| part.parse().ok()).collect()
     }
 
     /// The address of a path of ours, as clients see it.
-    pub fn address(&self, path: impl std::fmt::Display) -> String {
+    pub fn address(&self, path: impl Display) -> String {
         format!("{}{path}", self.base_path)
     }
 

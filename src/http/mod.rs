@@ -29,6 +29,7 @@ use crate::identity::Scope;
 use door::{base, keys, observe, origin, tags};
 use resources::{
     batches, clouds, events, field, jobs, meshes, retention, series, session, trust, uploads,
+    webhooks,
 };
 use tower::util::option_layer;
 use tower_http::compression::CompressionLayer;
@@ -150,6 +151,16 @@ fn results() -> Vec<Operation> {
         post("/v1/keys", ADMIN, trust::create_key),
         delete("/v1/keys/{id}", ADMIN, trust::delete_key),
         get("/v1/audit", AUDIT, trust::audit),
+        get("/v1/webhooks", ADMIN, webhooks::list),
+        post("/v1/webhooks", ADMIN, webhooks::create),
+        get("/v1/webhooks/{id}", ADMIN, webhooks::show),
+        patch("/v1/webhooks/{id}", ADMIN, webhooks::change),
+        delete("/v1/webhooks/{id}", ADMIN, webhooks::erase),
+        post("/v1/webhooks/{id}/secret", ADMIN, webhooks::renew_secret),
+        post("/v1/webhooks/{id}/test", ADMIN, webhooks::test),
+        get("/v1/webhooks/{id}/deliveries", ADMIN, webhooks::deliveries),
+        get("/v1/deliveries/{id}", ADMIN, webhooks::delivery),
+        post("/v1/deliveries/{id}/redeliver", ADMIN, webhooks::redeliver),
         get("/v1/session", READ, session::show),
         post("/v1/session", READ, session::sign_in),
         delete("/v1/session", OPEN, session::sign_out),

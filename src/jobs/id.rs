@@ -82,6 +82,16 @@ identifier!(
     BatchId,
     "bat"
 );
+identifier!(
+    /// Names a webhook: `whk_` and a `UUIDv7` without hyphens.
+    WebhookId,
+    "whk"
+);
+identifier!(
+    /// Names a message to a webhook: `msg_` and a `UUIDv7` without hyphens.
+    DeliveryId,
+    "msg"
+);
 
 fn is_well_formed(text: &str, prefix: &str) -> bool {
     text.strip_prefix(prefix).is_some_and(|rest| {

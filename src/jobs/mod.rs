@@ -36,6 +36,7 @@ mod job;
 pub mod store;
 pub mod supervisor;
 mod upload;
+mod webhook;
 pub mod worker;
 
 pub use crate::reconstruction::report::Verdict;
@@ -44,7 +45,7 @@ pub use batch::{Batch, BatchJob, Track};
 pub use cloud::{Cloud, CloudDeletion, NewCloud};
 pub use error::Error;
 pub use event::{Event, EventKind, NewEvent, Requeue};
-pub use id::{BatchId, CloudId, InvalidId, JobId, UploadId};
+pub use id::{BatchId, CloudId, DeliveryId, InvalidId, JobId, UploadId, WebhookId};
 pub use job::{
     Counts, Job, JobFilter, Keep, KeepChange, Lookup, NewJob, Place, Reason, Status, Tombstone,
 };
@@ -55,6 +56,10 @@ pub use store::{
 
 pub use supervisor::{Supervisor, Workers};
 pub use upload::{NewUpload, Step, Upload, UploadEnd};
+pub use webhook::{
+    Delivery, DeliveryState, Due, NewWebhook, News, Next, Tried, Webhook, WebhookChange,
+    WebhookState,
+};
 pub use worker::Worker;
 
 /// Result of the room.

@@ -95,10 +95,25 @@ const ROOMS: &[Room] = &[
         ],
     },
     Room {
+        place: "src/webhooks",
+        refused: &[
+            "crate::cli",
+            "crate::http",
+            "crate::intake",
+            "crate::reconstruction",
+            "sqlx",
+            "tch",
+            "SystemTime",
+            "println!",
+            "eprintln!",
+        ],
+    },
+    Room {
         place: "src/jobs",
         refused: &[
             "crate::cli",
             "crate::http",
+            "crate::webhooks",
             "axum",
             "tch",
             "anyhow",

@@ -16,6 +16,7 @@ mod system;
 mod time;
 mod trust;
 mod upload;
+mod webhook;
 
 use serde::Serialize;
 
@@ -31,6 +32,7 @@ pub(in crate::http) use system::{Check, Limits, Live, PresetItem, Range, Ready, 
 pub(in crate::http) use time::{Time, milliseconds};
 pub(in crate::http) use trust::{AuditRow, Key, NewKey, Session};
 pub(in crate::http) use upload::Upload;
+pub(in crate::http) use webhook::{Delivery, SecretWebhook, Webhook};
 
 /// A page of a list.
 #[derive(Debug, Serialize)]

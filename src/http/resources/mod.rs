@@ -1,4 +1,5 @@
-//! The resources: clouds, jobs, batches of them, what comes out of jobs, how long they are kept, and who asked for it.
+//! The resources: clouds, jobs, batches of them, what comes out of jobs, how long they are kept, who asked for
+//! it, and who is told of it.
 
 pub(in crate::http) mod batches;
 pub(in crate::http) mod clouds;
@@ -11,4 +12,5 @@ pub(in crate::http) mod series;
 pub(in crate::http) mod session;
 pub(in crate::http) mod trust;
 pub(in crate::http) mod uploads;
+pub(in crate::http) mod webhooks;
 mod witness;

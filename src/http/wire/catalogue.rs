@@ -52,6 +52,7 @@ catalogue! {
     CloudInUse "cloud_in_use" 409 true "A job that has not ended needs the cloud.";
     KeyName "key_name" 409 false "A key of this name is there already.";
     KeyInFile "key_in_file" 409 false "The file of the service decides about this.";
+    WebhookLimit "webhook_limit" 409 false "The tenant has as many webhooks as it may have.";
     Held "held" 409 false "It is held and must not be erased.";
     IdempotencyInFlight "idempotency_in_flight" 409 true "The first request with this key is being worked on.";
     UploadOffset "upload_offset" 409 true "The upload is at another place.";

@@ -33,4 +33,6 @@ mod unfinished;
 mod uploads;
 mod verdicts;
 mod waits;
+mod walk;
 mod web;
+mod webhooks;

@@ -11,6 +11,7 @@ use tower::ServiceExt;
 
 use crate::http::contract::expect_contract;
 use crate::http::support::{Answer, Service, json_request, sphere_xyz, tetrahedron};
+use crate::http::walk::{NOWHERE, filled, request};
 use crate::server::{PATIENCE, until};
 
 /// A key of a tenant with some of the scopes.
@@ -79,43 +80,21 @@ pub(crate) async fn finish(service: &Service) -> Claim {
     claim
 }
 
-/// The path of an operation, with the ids of a cloud, a job, an upload and a batch in it.
-pub(crate) fn filled(path: &str, [cloud, job, upload, batch]: [&str; 4]) -> String {
-    let id = match path.split('/').nth(2) {
-        Some("clouds") => cloud,
-        Some("uploads") => upload,
-        Some("batches") => batch,
-        _ => job,
-    };
-    path.replace("{id}", id)
-        .replace("{format}", "ply")
-        .replace("snapshots/{file}", "snapshots/5.ply")
-        .replace("{file}", "app.js")
-}
-
-pub(crate) fn request(method: &str, path: &str) -> Request<Body> {
-    let body = match path {
-        "/v1/clouds" if method == "POST" => Body::from(sphere_xyz(100, 7.0)),
-        _ if path.ends_with("/field") => Body::from(r#"{"points": [[0, 0, 0]]}"#),
-        _ if method == "POST" => Body::from("{}"),
-        _ => Body::empty(),
-    };
-    let mut request = Request::builder().method(method).uri(path);
-    if path == "/v1/events" {
-        // As a stream it would not end.
-        request = request.header("accept", "application/json");
-    }
-    if method == "POST" && path != "/v1/clouds" {
-        request = request.header("content-type", "application/json");
-    }
-    request.body(body).unwrap()
-}
-
 /// What is the same in each problem of its kind.
 fn bare(answer: &Answer) -> Value {
     let mut problem = answer.json();
     problem.as_object_mut().unwrap().remove("request_id");
     problem
+}
+
+/// A webhook and a message to it.
+async fn told(service: &Service, key: &Held) -> (String, String) {
+    let ask = json!({"url": "https://ris.example.org/"});
+    let made = service.ask(key, json_request("/v1/webhooks", &ask)).await;
+    let hook = made.expect(201).json()["id"].as_str().unwrap().to_owned();
+    let test = json_request(&format!("/v1/webhooks/{hook}/test"), &json!({}));
+    let message = service.ask(key, test).await.expect(202).json();
+    (hook, message["id"].as_str().unwrap().to_owned())
 }
 
 #[tokio::test]
@@ -134,29 +113,32 @@ async fn what_belongs_to_another_tenant_is_not_there_on_any_route() {
         .ask(&ours, json_request("/v1/batches", &manifest))
         .await;
     let batch = batch.expect(202).json()["id"].as_str().unwrap().to_owned();
+    let (hook, message) = told(&service, &ours).await;
     let (cloud, job) = (
         job["cloud_id"].as_str().unwrap(),
         job["id"].as_str().unwrap(),
     );
-    let nowhere = [
-        "cld_00000000000000000000000000000000",
-        "job_00000000000000000000000000000000",
-        "upl_00000000000000000000000000000000",
-        "bat_00000000000000000000000000000000",
+    let ids = [
+        ("clouds", cloud),
+        ("jobs", job),
+        ("uploads", upload),
+        ("batches", &batch),
+        ("webhooks", &hook),
+        ("deliveries", &message),
     ];
     let mut walked = 0;
     for (method, path, _) in operations()
         .iter()
         .filter(|(_, path, _)| path.contains("{id}"))
     {
-        let foreign = request(method, &filled(path, [cloud, job, upload, &batch]));
+        let foreign = request(method, &filled(path, &ids));
         let foreign = service.ask(&theirs, foreign).await;
         assert_eq!(
             foreign.status,
             StatusCode::NOT_FOUND,
             "{method} {path}: {foreign:?}"
         );
-        let missing = request(method, &filled(path, nowhere));
+        let missing = request(method, &filled(path, &NOWHERE));
         let missing = service.ask(&theirs, missing).await;
         assert_eq!(bare(&foreign), bare(&missing), "{method} {path}");
         walked += 1;
@@ -169,8 +151,10 @@ async fn what_belongs_to_another_tenant_is_not_there_on_any_route() {
         "/v1/clouds/{id}/content",
         "/v1/uploads/{id}",
         "/v1/batches/{id}",
+        "/v1/webhooks/{id}",
+        "/v1/deliveries/{id}",
     ] {
-        let path = filled(path, [cloud, job, upload, &batch]);
+        let path = filled(path, &ids);
         service.fetch(&ours, &path).await.expect(200);
     }
     // Nor can it be named.
@@ -186,6 +170,7 @@ async fn what_belongs_to_another_tenant_is_not_there_on_any_route() {
         "/v1/clouds",
         "/v1/jobs",
         "/v1/batches",
+        "/v1/webhooks",
         "/v1/events",
         &format!("/v1/jobs?cloud_id={cloud}"),
         &format!("/v1/jobs?batch_id={batch}"),
@@ -229,7 +214,7 @@ async fn each_route_asks_for_its_scope_and_for_nothing_else() {
     });
     configure(&service, &with.iter().chain(&without).collect::<Vec<_>>());
     for (method, path, scope) in operations() {
-        let filled = filled(path, ["cld_0", "job_0", "upl_0", "bat_0"]);
+        let filled = filled(path, &NOWHERE);
         let nobody = service.send(request(&method, &filled)).await;
         let Some(scope) = scope else {
             assert_ne!(nobody.status, StatusCode::UNAUTHORIZED, "{method} {path}");

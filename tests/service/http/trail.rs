@@ -6,7 +6,8 @@ use serde_json::json;
 
 use crate::http::contract::expect_contract;
 use crate::http::support::{Service, sphere_xyz};
-use crate::http::tenants::{Held, configure, filled, finish, request};
+use crate::http::tenants::{Held, configure, finish};
+use crate::http::walk::{NOWHERE, filled, request};
 
 #[tokio::test]
 async fn each_act_leaves_one_row_and_each_read_of_a_surface() {
@@ -19,6 +20,8 @@ async fn each_act_leaves_one_row_and_each_read_of_a_surface() {
         job["cloud_id"].as_str().unwrap(),
         job["id"].as_str().unwrap(),
     );
+    let mut ids = NOWHERE;
+    (ids[0].1, ids[1].1) = (cloud, job);
     for (path, header) in [
         ("/v1/jobs/{id}/mesh.ply", ("accept", "*/*")),
         ("/v1/jobs/{id}/mesh.obj", ("range", "bytes=0-3")),
@@ -30,8 +33,7 @@ async fn each_act_leaves_one_row_and_each_read_of_a_surface() {
         ("/v1/clouds/{id}/points", ("accept", "*/*")),
         ("/v1/jobs/{id}", ("accept", "*/*")),
     ] {
-        let request =
-            Request::get(filled(path, [cloud, job, "upl_0", "bat_0"])).header(header.0, header.1);
+        let request = Request::get(filled(path, &ids)).header(header.0, header.1);
         let answer = service
             .ask(&ours, request.body(Body::empty()).unwrap())
             .await;

@@ -4,26 +4,25 @@ use std::path::Path;
 
 use crate::who::{ours, us};
 use meshway::jobs::store::DATABASE_FILE;
-use meshway::jobs::{CloudId, IdempotencyState, JobId, Keep, KeepChange, Options, Store};
+use meshway::jobs::{
+    BatchId, CloudId, IdempotencyState, JobId, Keep, KeepChange, NewWebhook, News, Options, Store,
+};
 use meshway::reconstruction::Preset;
 use serde_json::json;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode};
 use sqlx::{ConnectOptions, Connection, SqlSafeStr, SqliteConnection};
 
-/// The migrations of the version before answers knew their clouds.
-const SECOND: [(&str, &str); 2] = [
+/// Names and texts of migrations, in their order.
+type Migrations = [(&'static str, &'static str)];
+
+/// Those of all earlier versions.
+const EARLIER: [(&str, &str); 15] = [
     ("init", include_str!("../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
         include_str!("../../../migrations/0002_erased_clouds.sql"),
     ),
-];
-
-/// Those of the version before the series told of blocks.
-pub(crate) const FOURTH: [(&str, &str); 4] = [
-    SECOND[0],
-    SECOND[1],
     (
         "answers_about_clouds",
         include_str!("../../../migrations/0003_answers_about_clouds.sql"),
@@ -32,14 +31,6 @@ pub(crate) const FOURTH: [(&str, &str); 4] = [
         "jobs_by_verdict",
         include_str!("../../../migrations/0004_jobs_by_verdict.sql"),
     ),
-];
-
-/// Those of the version before tenants.
-pub(crate) const NINTH: [(&str, &str); 9] = [
-    FOURTH[0],
-    FOURTH[1],
-    FOURTH[2],
-    FOURTH[3],
     (
         "metrics_of_blocks",
         include_str!("../../../migrations/0005_metrics_of_blocks.sql"),
@@ -57,37 +48,10 @@ pub(crate) const NINTH: [(&str, &str); 9] = [
         "sources",
         include_str!("../../../migrations/0009_sources.sql"),
     ),
-];
-
-/// Those of the version before tenants took turns, uploads could go on and records had a time to live.
-pub(crate) const TENTH: [(&str, &str); 10] = [
-    NINTH[0],
-    NINTH[1],
-    NINTH[2],
-    NINTH[3],
-    NINTH[4],
-    NINTH[5],
-    NINTH[6],
-    NINTH[7],
-    NINTH[8],
     (
         "tenants",
         include_str!("../../../migrations/0010_tenants.sql"),
     ),
-];
-
-/// Those of the version before batches.
-const FOURTEENTH: [(&str, &str); 14] = [
-    TENTH[0],
-    TENTH[1],
-    TENTH[2],
-    TENTH[3],
-    TENTH[4],
-    TENTH[5],
-    TENTH[6],
-    TENTH[7],
-    TENTH[8],
-    TENTH[9],
     ("turns", include_str!("../../../migrations/0011_turns.sql")),
     ("keys", include_str!("../../../migrations/0012_keys.sql")),
     (
@@ -98,13 +62,27 @@ const FOURTEENTH: [(&str, &str); 14] = [
         "retention",
         include_str!("../../../migrations/0014_retention.sql"),
     ),
+    (
+        "batches",
+        include_str!("../../../migrations/0015_batches.sql"),
+    ),
 ];
 
+/// Those of the version before answers knew their clouds.
+const SECOND: &Migrations = EARLIER.split_at(2).0;
+/// Those of the version before the series told of blocks.
+pub(crate) const FOURTH: &Migrations = EARLIER.split_at(4).0;
+/// Those of the version before tenants.
+pub(crate) const NINTH: &Migrations = EARLIER.split_at(9).0;
+/// Those of the version before tenants took turns, uploads could go on and records had a time to live.
+pub(crate) const TENTH: &Migrations = EARLIER.split_at(10).0;
+/// Those of the version before batches.
+const FOURTEENTH: &Migrations = EARLIER.split_at(14).0;
+/// Those of the version before webhooks.
+const FIFTEENTH: &Migrations = EARLIER.split_at(15).0;
+
 /// A database as the version with these migrations made it.
-pub(crate) async fn database(
-    folder: &Path,
-    migrations: &[(&'static str, &'static str)],
-) -> SqliteConnection {
+pub(crate) async fn database(folder: &Path, migrations: &Migrations) -> SqliteConnection {
     let mut db = SqliteConnectOptions::new()
         .filename(folder.join(DATABASE_FILE))
         .create_if_missing(true)
@@ -138,7 +116,7 @@ async fn keep(db: &mut SqliteConnection, key: &str, scope: &str, body: Option<&s
 #[tokio::test]
 async fn series_from_before_blocks_are_read() {
     let folder = tempfile::tempdir().unwrap();
-    let mut db = database(folder.path(), &FOURTH).await;
+    let mut db = database(folder.path(), FOURTH).await;
     let id = JobId::new();
     sqlx::query(
         "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, created_at, metrics)
@@ -167,7 +145,7 @@ async fn series_from_before_blocks_are_read() {
 #[tokio::test]
 async fn answers_about_clouds_are_found_in_older_databases() {
     let folder = tempfile::tempdir().unwrap();
-    let mut db = database(folder.path(), &SECOND).await;
+    let mut db = database(folder.path(), SECOND).await;
     let (here, erased) = (CloudId::new(), CloudId::new());
     let summary = json!({
         "format": "xyz", "gzipped": false, "points": 20, "normals": false, "dropped_non_finite": 0, "warnings": [],
@@ -227,7 +205,7 @@ async fn answers_about_clouds_are_found_in_older_databases() {
 #[tokio::test]
 async fn what_older_databases_hold_is_kept_until_somebody_erases_it() {
     let folder = tempfile::tempdir().unwrap();
-    let mut db = database(folder.path(), &TENTH).await;
+    let mut db = database(folder.path(), TENTH).await;
     let (cloud, job) = (CloudId::new(), JobId::new());
     let summary = json!({
         "format": "xyz", "gzipped": false, "points": 20, "normals": false, "dropped_non_finite": 0, "warnings": [],
@@ -284,7 +262,7 @@ async fn what_older_databases_hold_is_kept_until_somebody_erases_it() {
 #[tokio::test]
 async fn jobs_from_before_batches_are_in_none() {
     let folder = tempfile::tempdir().unwrap();
-    let mut db = database(folder.path(), &FOURTEENTH).await;
+    let mut db = database(folder.path(), FOURTEENTH).await;
     let job = JobId::new();
     let settings = serde_json::to_string(&Preset::Fast.settings()).unwrap();
     sqlx::query(
@@ -327,4 +305,51 @@ async fn jobs_from_before_batches_are_in_none() {
     let claim = store.claim("worker-0-1", 60_000).await.unwrap().unwrap();
     assert_eq!(claim.job_id(), &job);
     store.by(us()).delete_job(&job).await.unwrap();
+}
+
+#[tokio::test]
+async fn a_batch_from_before_webhooks_is_told_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut db = database(folder.path(), FIFTEENTH).await;
+    let (job, batch) = (JobId::new(), BatchId::new());
+    let settings = serde_json::to_string(&Preset::Fast.settings()).unwrap();
+    let insert = "INSERT INTO batches (id, tenant, made, created_at) VALUES (?1, 'default', 1, 1)";
+    let insert = sqlx::query(insert).bind(batch.as_str());
+    insert.execute(&mut db).await.unwrap();
+    sqlx::query(
+        "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, created_at, batch_id)
+         VALUES (?1, ?2, 'queued', 'fast', ?3, '{}', 1, ?4)",
+    )
+    .bind(job.as_str())
+    .bind(CloudId::new().as_str())
+    .bind(settings)
+    .bind(batch.as_str())
+    .execute(&mut db)
+    .await
+    .unwrap();
+    db.close().await.unwrap();
+
+    let store = Store::open(folder.path(), Options::default())
+        .await
+        .unwrap();
+    assert!(store.of(ours()).webhooks().await.unwrap().is_empty());
+    let new = NewWebhook {
+        url: "https://example.org/".to_owned(),
+        events: News::ALL.to_vec(),
+        secret: vec![7; 32],
+    };
+    let hook = store
+        .by(us())
+        .create_webhook(new, 1)
+        .await
+        .unwrap()
+        .unwrap();
+    store.by(us()).request_cancel(&job).await.unwrap();
+    let told = store
+        .of(ours())
+        .deliveries(&hook.id, None, 10)
+        .await
+        .unwrap();
+    let names: Vec<_> = told.iter().map(|message| message.news.name()).collect();
+    assert_eq!(names, ["batch.ended", "job.cancelled"]);
 }

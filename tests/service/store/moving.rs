@@ -72,7 +72,7 @@ async fn insert_mesh(db: &mut SqliteConnection, job: &JobId, evaluation: i64, da
 
 impl Old {
     async fn make(folder: &Path) -> Self {
-        let mut db = database(folder, &FOURTH).await;
+        let mut db = database(folder, FOURTH).await;
         let old = Self {
             done: JobId::new(),
             waiting: JobId::new(),

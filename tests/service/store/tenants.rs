@@ -21,7 +21,7 @@ fn stranger() -> Caller {
 #[tokio::test]
 async fn records_from_before_tenants_belong_to_the_default_one() {
     let folder = tempfile::tempdir().unwrap();
-    let mut db = database(folder.path(), &NINTH).await;
+    let mut db = database(folder.path(), NINTH).await;
     let (cloud, job, erased) = (CloudId::new(), JobId::new(), JobId::new());
     let summary = json!({
         "format": "xyz", "gzipped": false, "points": 20, "normals": false, "dropped_non_finite": 0, "warnings": [],

@@ -207,7 +207,7 @@ async fn worked_time_is_counted_once_for_whom_it_was_done() {
 #[tokio::test]
 async fn jobs_from_before_turns_are_claimed_in_their_order() {
     let folder = tempfile::tempdir().unwrap();
-    let mut db = database(folder.path(), &TENTH).await;
+    let mut db = database(folder.path(), TENTH).await;
     let settings = meshway::reconstruction::Preset::Fast.settings();
     let ids = [JobId::new(), JobId::new()];
     for (at, id) in (1..).zip(&ids) {

@@ -64,6 +64,14 @@ acts! {
     KeyCreate "C" "key.create";
     /// A key was taken out of use.
     KeyDelete "D" "key.delete";
+    /// A webhook was made.
+    WebhookCreate "C" "webhook.create";
+    /// A webhook was changed, or got a new secret.
+    WebhookChange "U" "webhook.change";
+    /// A webhook was removed.
+    WebhookDelete "D" "webhook.delete";
+    /// A message to a webhook was asked for: a test, or one that was sent before.
+    WebhookSend "E" "webhook.send";
     /// Somebody signed in with a password.
     SessionCreate "E" "session.create";
     /// Somebody without a good key was refused.

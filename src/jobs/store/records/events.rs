@@ -118,10 +118,10 @@ impl Transaction<'_> {
         .bind(self.now)
         .bind(attempt)
         .bind(to_json(event))
-        .bind(tenant)
+        .bind(&tenant)
         .execute(&mut *self.db)
         .await?;
-        Ok(())
+        self.tell_webhooks(&tenant, id, event).await
     }
 }
 

@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
 /// Names and texts of the migrations, in their order.
 pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 15] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 16] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -105,6 +105,10 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 15] = [
     (
         "batches",
         include_str!("../../../../migrations/0015_batches.sql"),
+    ),
+    (
+        "webhooks",
+        include_str!("../../../../migrations/0016_webhooks.sql"),
     ),
 ];
 
