@@ -9,7 +9,7 @@ use rustix::process::{Resource, Rlimit, nice, setrlimit};
 use super::Failure;
 use super::files::{Sink, read};
 use super::worker::NICENESS;
-use crate::intake::{Verdict, limits, parse, rows, sum_up};
+use crate::intake::{Error, Verdict, limits, parse, rows, sum_up};
 use crate::reconstruction::cloud::Format;
 
 /// Arguments of `meshway inspect`.
@@ -35,6 +35,9 @@ pub(super) struct Arguments {
     /// After the line, so many of its points as binary numbers, to look at.
     #[arg(long, default_value_t = 0)]
     points: usize,
+    /// Where the file is written without the texts that may name somebody, if it has any.
+    #[arg(long, hide = true)]
+    clean_to: Option<PathBuf>,
     /// End when standard input does: whoever started this is gone then.
     #[arg(long, hide = true)]
     until_input_ends: bool,
@@ -71,11 +74,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let read = parse(&bytes, hint, &limits, arguments.assume_orientation);
     let read = read.and_then(|parsed| Ok((sum_up(&parsed)?, parsed.cloud)));
     let (verdict, rows) = match read {
-        Ok((summary, cloud)) => (Ok(summary), rows(&cloud, arguments.points)),
-        Err(error) => (Err(error), Vec::new()),
+        Ok((mut summary, cloud)) => {
+            let rows = rows(&cloud, arguments.points);
+            drop(cloud);
+            let cleaned = match &arguments.clean_to {
+                Some(to) => summary.clean(&bytes, &limits, to),
+                None => Ok(()),
+            };
+            match cleaned {
+                Ok(()) => (Verdict::Cloud(summary), rows),
+                Err(Error::DiskFull) => (Verdict::DiskFull, Vec::new()),
+                Err(error) => return Err(Failure::Output(error.to_string())),
+            }
+        }
+        Err(error) => (Verdict::from(error), Vec::new()),
     };
     Sink::new(Path::new("-"))?.write(|out| {
-        serde_json::to_writer(&mut *out, &Verdict::from(verdict))?;
+        serde_json::to_writer(&mut *out, &verdict)?;
         out.write_all(b"\n")?;
         out.write_all(&rows)
     })

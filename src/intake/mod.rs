@@ -8,6 +8,7 @@ mod size;
 mod subset;
 mod summary;
 
+use std::ffi::OsString;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -78,6 +79,9 @@ pub enum Error {
         "the file needs more memory to be read than there is for one of its size; unpack it, or send a part of it"
     )]
     OutOfMemory,
+    /// There is no room for the file without its texts.
+    #[error("the disk is full")]
+    DiskFull,
     /// It could not be read for a reason of ours.
     #[error("{0}")]
     Failed(String),
@@ -86,6 +90,13 @@ pub enum Error {
 impl Error {
     fn failed(error: impl std::fmt::Display) -> Self {
         Self::Failed(error.to_string())
+    }
+
+    fn of_disk(error: std::io::Error) -> Self {
+        match error.kind() {
+            std::io::ErrorKind::StorageFull => Self::DiskFull,
+            _ => Self::failed(error),
+        }
     }
 }
 
@@ -114,12 +125,25 @@ impl Reader {
         }
     }
 
-    /// Reads a file, once there is memory for it beside the others.
+    /// Reads a file, once there is memory for it beside the others. Without the texts that may name
+    /// somebody it is written to `clean_to`, if it has any.
     ///
     /// # Errors
     /// What is wrong with the cloud.
-    pub async fn read(&self, file: File<'_>) -> Result<Summary, Error> {
-        match self.read_by(file, &[], sum_up).await? {
+    pub async fn read(&self, file: File<'_>, clean_to: Option<&Path>) -> Result<Summary, Error> {
+        let limits = limits(self.max_points, self.max_bytes);
+        let to = clean_to.map(Path::to_owned);
+        let sum_up = move |parsed: Parsed, bytes: &[u8]| {
+            let mut summary = sum_up(&parsed)?;
+            drop(parsed);
+            if let Some(to) = to {
+                summary.clean(bytes, &limits, &to)?;
+            }
+            Ok(summary)
+        };
+        let arguments = clean_to.map(|to| ["--clean-to".into(), to.into()]);
+        let arguments = arguments.as_ref().map_or(&[][..], |arguments| arguments);
+        match self.read_by(file, arguments, sum_up).await? {
             Reading::Here(summary) => Ok(summary),
             Reading::InChild(said) => verdict(&said),
         }
@@ -130,13 +154,13 @@ impl Reader {
     /// # Errors
     /// As for [`Self::read`].
     pub async fn subset(&self, file: File<'_>, most: usize) -> Result<Subset, Error> {
-        let subset = move |parsed: &Parsed| {
+        let subset = move |parsed: Parsed, _: &[u8]| {
             Ok(Subset {
                 origin: middle(parsed.bounds.as_ref()),
                 rows: rows(&parsed.cloud, most),
             })
         };
-        let arguments = [format!("--points={most}")];
+        let arguments = [format!("--points={most}").into()];
         match self.read_by(file, &arguments, subset).await? {
             Reading::Here(subset) => Ok(subset),
             Reading::InChild(said) => {
@@ -155,8 +179,8 @@ impl Reader {
     async fn read_by<T: Send + 'static>(
         &self,
         file: File<'_>,
-        arguments: &[String],
-        here: impl FnOnce(&Parsed) -> Result<T, cloud::Error> + Send + 'static,
+        arguments: &[OsString],
+        here: impl FnOnce(Parsed, &[u8]) -> Result<T, Error> + Send + 'static,
     ) -> Result<Reading<T>, Error> {
         let room = take(&self.parsing, IN_PROCESS_BYTES, PARSED_KIB).await?;
         let size = blocking({
@@ -183,7 +207,7 @@ impl Reader {
         blocking(move || {
             let bytes = std::fs::read(&path).map_err(Error::failed)?;
             let parsed = parse(&bytes, hint, &limits, assume_orientation)?;
-            Ok(Reading::Here(here(&parsed)?))
+            Ok(Reading::Here(here(parsed, &bytes)?))
         })
         .await
     }
@@ -192,7 +216,7 @@ impl Reader {
     async fn read_in_child(
         &self,
         file: File<'_>,
-        arguments: &[String],
+        arguments: &[OsString],
         memory_bytes: u64,
     ) -> Result<Vec<u8>, Error> {
         let mut command = Command::new(&self.program);
@@ -260,6 +284,7 @@ enum Reading<T> {
 fn verdict(said: &[u8]) -> Result<Summary, Error> {
     match serde_json::from_slice(said).map_err(Error::failed)? {
         Verdict::Cloud(summary) => Ok(summary),
+        Verdict::DiskFull => Err(Error::DiskFull),
         Verdict::Refused { code, detail } => Err(Error::Refused { code, detail }),
     }
 }

@@ -1,8 +1,10 @@
 //! The findings of reading a file.
 
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 
-use super::MAX_EXPANSION;
+use super::{Error, MAX_EXPANSION};
 use crate::reconstruction::Warning;
 use crate::reconstruction::cloud::{self, Format, Found, PointCloud};
 use crate::reconstruction::medical::Contents;
@@ -34,6 +36,13 @@ pub struct Summary {
     /// Whether patient and study are taken over into its meshes: whoever uploaded it asked for it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub keeps_identifiers: bool,
+    /// Whether texts that may name somebody were looked for: not in files that are kept as they were sent,
+    /// nor in those of earlier versions.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub cleaned: bool,
+    /// How many there were; they are overwritten in the file that is kept.
+    #[serde(default)]
+    pub dropped_texts: u64,
     /// Labels, segments or regions of interest, and how they lie in the patient; points are made of
     /// one of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -41,6 +50,24 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// Writes the file that this sums up to `to`, without the texts that may name somebody, if it has any.
+    ///
+    /// # Errors
+    /// What is wrong with the disk.
+    pub fn clean(&mut self, bytes: &[u8], limits: &cloud::Limits, to: &Path) -> Result<(), Error> {
+        let options = cloud::Options {
+            hint: Some(self.format),
+            limits,
+            assume_orientation: true,
+        };
+        if let Some(cleaned) = cloud::cleaned(bytes, &options)? {
+            std::fs::write(to, &cleaned.bytes).map_err(Error::of_disk)?;
+            self.dropped_texts = cleaned.texts;
+        }
+        self.cleaned = true;
+        Ok(())
+    }
+
     /// Number of points by label; none of a file of which a part is yet to become points.
     pub fn point_labels(&self) -> Option<cloud::Counts> {
         self.segmentation.is_none().then_some(self.labels)
@@ -133,6 +160,8 @@ pub fn sum_up(parsed: &Parsed) -> Result<Summary, cloud::Error> {
         dropped_non_finite: source.dropped_non_finite as u64,
         warnings: source.warnings.iter().map(Notice::from).collect(),
         keeps_identifiers: false,
+        cleaned: false,
+        dropped_texts: 0,
         segmentation: parsed.segmentation.clone(),
     })
 }
@@ -152,6 +181,8 @@ pub fn limits(max_points: u64, max_bytes: u64) -> cloud::Limits {
 pub enum Verdict {
     /// The file is a cloud.
     Cloud(Summary),
+    /// There was no room for the file without its texts.
+    DiskFull,
     /// The file is not a usable cloud.
     Refused {
         /// Stable name of the reason.
@@ -161,14 +192,11 @@ pub enum Verdict {
     },
 }
 
-impl From<Result<Summary, cloud::Error>> for Verdict {
-    fn from(result: Result<Summary, cloud::Error>) -> Self {
-        match result {
-            Ok(summary) => Self::Cloud(summary),
-            Err(error) => Self::Refused {
-                code: error.code().to_owned(),
-                detail: error.to_string(),
-            },
+impl From<cloud::Error> for Verdict {
+    fn from(error: cloud::Error) -> Self {
+        Self::Refused {
+            code: error.code().to_owned(),
+            detail: error.to_string(),
         }
     }
 }

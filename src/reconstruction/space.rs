@@ -4,6 +4,8 @@
 //! to the other. Programs for medical images (3D Slicer, ITK-SNAP) name the frame in the free text of
 //! a file: `SPACE=LPS`.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 use super::vector::Vec3;
@@ -132,8 +134,8 @@ impl Space {
     /// What a free text says, as in `SPACE=RAS unit=mm`. A frame without a unit is in millimetres: the
     /// programs that write the tag know no other.
     pub fn from_tags(text: &[u8]) -> Self {
-        let frame = tag(text, "space").map_or(Frame::Unknown, Frame::from_name);
-        let unit = match tag(text, "unit") {
+        let frame = tag(text, FRAME).map_or(Frame::Unknown, Frame::from_name);
+        let unit = match tag(text, UNIT) {
             Some(name) => Unit::from_name(name),
             None if frame == Frame::Unknown => Unit::Unknown,
             None => Unit::Millimetre,
@@ -153,23 +155,56 @@ impl Space {
         };
         frame.into_iter().chain(unit)
     }
+
+    /// Where the tags of a free text are; of one whose value is not known, without the value.
+    pub(super) fn places_of_tags(text: &[u8]) -> Vec<Range<usize>> {
+        let place = |(range, value): (Range<usize>, &str), is_known: bool| {
+            let end = range.end - if is_known { 0 } else { value.len() };
+            range.start..end
+        };
+        let frames = tags(text, FRAME).map(|tag| {
+            let is_known = Frame::ALL
+                .map(Frame::name)
+                .contains(&&*tag.1.to_ascii_lowercase());
+            place(tag, is_known)
+        });
+        let units = tags(text, UNIT).map(|tag| {
+            let is_known = Unit::ALL
+                .map(Unit::name)
+                .contains(&&*tag.1.to_ascii_lowercase());
+            place(tag, is_known)
+        });
+        let mut places: Vec<_> = frames.chain(units).collect();
+        places.sort_by_key(|place| place.start);
+        places
+    }
 }
 
-/// The letters behind `name=`, in any case; the name is a word of its own.
-fn tag<'t>(text: &'t [u8], name: &str) -> Option<&'t str> {
+/// Names of the tags.
+const FRAME: &str = "space";
+const UNIT: &str = "unit";
+
+/// The letters behind `name=`, in any case.
+fn tag<'t>(text: &'t [u8], name: &'static str) -> Option<&'t str> {
+    tags(text, name).next().map(|(_, value)| value)
+}
+
+/// All `name=` with the letters behind them, and where they are; the name is a word of its own.
+fn tags<'t>(text: &'t [u8], name: &'static str) -> impl Iterator<Item = (Range<usize>, &'t str)> {
     let is_word = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_';
     let starts = 0..text.len().saturating_sub(name.len());
-    let end = starts
-        .filter(|&at| at == 0 || !is_word(&text[at - 1]))
-        .map(|at| (at, at + name.len()))
-        .find(|&(at, end)| {
-            text[at..end].eq_ignore_ascii_case(name.as_bytes()) && text[end] == b'='
-        })?
-        .1;
-    let value = &text[end + 1..];
-    let letters = value.iter().take_while(|byte| byte.is_ascii_alphabetic());
-    let letters = letters.count();
-    std::str::from_utf8(&value[..letters]).ok()
+    let starts = starts.filter(move |&at| {
+        let end = at + name.len();
+        let begins = at == 0 || !is_word(&text[at - 1]);
+        begins && text[at..end].eq_ignore_ascii_case(name.as_bytes()) && text[end] == b'='
+    });
+    starts.filter_map(move |at| {
+        let value = &text[at + name.len() + 1..];
+        let letters = value.iter().take_while(|byte| byte.is_ascii_alphabetic());
+        let letters = letters.count();
+        let end = at + name.len() + 1 + letters;
+        Some((at..end, std::str::from_utf8(&value[..letters]).ok()?))
+    })
 }
 
 #[cfg(test)]

@@ -13,7 +13,6 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use axum::body::Body;
 use bytes::BytesMut;
-use sha2::{Digest, Sha256};
 use tempfile::{Builder, NamedTempFile};
 use tokio::sync::OwnedMutexGuard;
 use tokio_util::sync::CancellationToken;
@@ -23,7 +22,6 @@ use crate::http::AppState;
 use crate::http::upload::bodies::BATCH;
 use crate::http::upload::spool::{Spooled, storage};
 use crate::http::upload::{blocking, next, pace};
-use crate::http::wire::download::hex;
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::identity::Caller;
 use crate::jobs::{Step, Upload, UploadId};
@@ -34,9 +32,6 @@ const SYNC_BYTES: u64 = 8 << 20;
 
 /// Uploads of which it is remembered who is at work, above which those are dropped where nobody is.
 const REMEMBERED: usize = 256;
-
-/// Bytes that are read at once to hash a file.
-const BLOCK: usize = 1 << 20;
 
 /// Whose turn it is.
 #[derive(Debug, Default)]
@@ -271,22 +266,7 @@ pub(in crate::http) async fn spooled(app: &AppState, id: &UploadId) -> Result<Sp
                 .and_then(|()| File::open(to))
         };
         let file: NamedTempFile = in_folder(&folder, || Builder::new().make_in(&folder, link))?;
-        let bytes = file.as_file().metadata()?.len();
-        let (mut hash, mut block, mut at) = (Sha256::new(), vec![0; BLOCK], 0);
-        while at < bytes {
-            let read = file.as_file().read_at(&mut block, at)?;
-            if read == 0 {
-                return Err(io::ErrorKind::UnexpectedEof.into());
-            }
-            hash.update(&block[..read]);
-            at += read as u64;
-        }
-        file.as_file().sync_all()?;
-        Ok(Spooled {
-            sha256: hex(hash.finalize()),
-            bytes,
-            file,
-        })
+        Spooled::of(file)
     });
     spooled.await?.map_err(|error| storage(&error))
 }

@@ -3,6 +3,7 @@
 //! Synchronous: the caller hands in batches on threads that may block.
 
 use std::io::{self, Write};
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use flate2::write::MultiGzDecoder;
@@ -21,6 +22,9 @@ const ALWAYS_ALLOWED: u64 = 1 << 20;
 
 /// Largest window of zstd: 8 MiB, as RFC 9659 sets it for content encodings.
 const ZSTD_WINDOW_LOG: u32 = 23;
+
+/// Bytes that are read at once to hash a file.
+const BLOCK: usize = 1 << 20;
 
 /// How a body is encoded (RFC 9110 section 8.4).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,6 +64,31 @@ pub(in crate::http) struct Spooled {
     pub(in crate::http) sha256: String,
     /// Number of bytes after decoding.
     pub(in crate::http) bytes: u64,
+}
+
+impl Spooled {
+    /// A file that was written already, brought to the disk.
+    ///
+    /// # Errors
+    /// What is wrong with the disk.
+    pub(in crate::http) fn of(file: NamedTempFile) -> io::Result<Self> {
+        let bytes = file.as_file().metadata()?.len();
+        let (mut hash, mut block, mut at) = (Sha256::new(), vec![0; BLOCK], 0);
+        while at < bytes {
+            let read = file.as_file().read_at(&mut block, at)?;
+            if read == 0 {
+                return Err(io::ErrorKind::UnexpectedEof.into());
+            }
+            hash.update(&block[..read]);
+            at += read as u64;
+        }
+        file.as_file().sync_all()?;
+        Ok(Self {
+            sha256: hex(hash.finalize()),
+            bytes,
+            file,
+        })
+    }
 }
 
 /// A body on its way to disk.

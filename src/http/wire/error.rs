@@ -266,6 +266,7 @@ impl From<intake::Error> for ApiError {
             intake::Error::Cloud(error) => Code::from_name(error.code()),
             intake::Error::Refused { code, .. } => Code::from_name(code),
             intake::Error::TooSlow => Code::BodyTooLarge,
+            intake::Error::DiskFull => Code::InsufficientStorage,
             intake::Error::OutOfMemory => Code::CloudNeedsMemory,
             intake::Error::Failed(error) => return Self::internal(error),
         };

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::collector::Collector;
+use super::private::{Place, lines, table, vtk as texts_of_vtk};
 use super::text::Lines;
 use super::{Error, Limits, foreign, npy, obj, off, pcd, ply, stl, vtk, xyz};
 use crate::reconstruction::medical::{self, Reading, Segmentation};
@@ -58,6 +59,16 @@ struct Row {
     /// Whether the content shows it; asked in the order of the table.
     recognise: fn(&[u8]) -> bool,
     read: Reader,
+    clean: Cleaner,
+}
+
+/// How the texts of an unpacked file are found.
+#[derive(Clone, Copy)]
+pub(super) enum Cleaner {
+    /// Their places.
+    Places(fn(&[u8]) -> Result<Vec<Place>, Error>),
+    /// Overwritten and counted, for a format that packs them.
+    Whole(fn(&mut Vec<u8>, &Limits) -> Result<u64, Error>),
 }
 
 const FORMATS: &[Row] = &[
@@ -68,6 +79,7 @@ const FORMATS: &[Row] = &[
         media_types: &["application/x-npy"],
         recognise: |bytes| bytes.starts_with(b"\x93NUMPY"),
         read: Reader::Points(npy::read),
+        clean: Cleaner::Places(npy::texts),
     },
     Row {
         format: Format::Nrrd,
@@ -76,6 +88,7 @@ const FORMATS: &[Row] = &[
         media_types: &["application/x-nrrd", "image/x-nrrd"],
         recognise: medical::is_nrrd,
         read: Reader::Slices(medical::nrrd),
+        clean: Cleaner::Places(medical::texts_of_nrrd),
     },
     Row {
         format: Format::Nifti,
@@ -84,6 +97,7 @@ const FORMATS: &[Row] = &[
         media_types: &["application/x-nifti", "application/nifti", "image/x-nifti"],
         recognise: medical::is_nifti,
         read: Reader::Slices(medical::nifti),
+        clean: Cleaner::Places(medical::texts_of_nifti),
     },
     Row {
         format: Format::Dicom,
@@ -92,6 +106,7 @@ const FORMATS: &[Row] = &[
         media_types: &["application/dicom"],
         recognise: medical::is_dicom,
         read: Reader::Slices(medical::dicom),
+        clean: Cleaner::Whole(medical::clean_dicom),
     },
     Row {
         format: Format::Mha,
@@ -100,6 +115,7 @@ const FORMATS: &[Row] = &[
         media_types: &["application/x-metaimage"],
         recognise: medical::is_metaimage,
         read: Reader::Slices(medical::metaimage),
+        clean: Cleaner::Places(medical::texts_of_metaimage),
     },
     Row {
         format: Format::Vtk,
@@ -108,6 +124,7 @@ const FORMATS: &[Row] = &[
         media_types: &["application/x-vtk"],
         recognise: vtk::is_legacy,
         read: Reader::Points(vtk::read_legacy),
+        clean: Cleaner::Places(|bytes| Ok(texts_of_vtk::of_legacy(bytes))),
     },
     Row {
         format: Format::Vtp,
@@ -116,6 +133,7 @@ const FORMATS: &[Row] = &[
         media_types: &["application/x-vtp"],
         recognise: vtk::is_xml,
         read: Reader::Points(vtk::read_xml),
+        clean: Cleaner::Places(|bytes| Ok(texts_of_vtk::of_xml(bytes))),
     },
     Row {
         format: Format::Ply,
@@ -126,6 +144,7 @@ const FORMATS: &[Row] = &[
             bytes.starts_with(b"ply") && bytes.get(3).is_some_and(u8::is_ascii_whitespace)
         },
         read: Reader::Points(ply::read),
+        clean: Cleaner::Places(ply::texts),
     },
     Row {
         format: Format::Stl,
@@ -134,6 +153,7 @@ const FORMATS: &[Row] = &[
         media_types: &["model/stl", "application/sla", "application/vnd.ms-pki.stl"],
         recognise: |bytes| stl::has_binary_length(bytes) || is_text_of_stl(bytes),
         read: Reader::Points(stl::read),
+        clean: Cleaner::Places(|bytes| Ok(lines::of_stl(bytes))),
     },
     Row {
         format: Format::Pcd,
@@ -145,6 +165,7 @@ const FORMATS: &[Row] = &[
             bytes.starts_with(b"# .PCD") || begins_with_word(bytes, |word| WORDS.contains(&word))
         },
         read: Reader::Points(pcd::read),
+        clean: Cleaner::Places(pcd::texts),
     },
     Row {
         format: Format::Obj,
@@ -158,6 +179,7 @@ const FORMATS: &[Row] = &[
             begins_with_word(bytes, |word| WORDS.contains(&word))
         },
         read: Reader::Points(obj::read),
+        clean: Cleaner::Places(|bytes| Ok(lines::of_obj(bytes))),
     },
     Row {
         format: Format::Off,
@@ -166,6 +188,7 @@ const FORMATS: &[Row] = &[
         media_types: &["application/x-off", "model/off"],
         recognise: |bytes| begins_with_word(bytes, |word| off::keyword(word).is_some()),
         read: Reader::Points(off::read),
+        clean: Cleaner::Places(|bytes| Ok(lines::of_off(bytes))),
     },
     Row {
         format: Format::Xyz,
@@ -178,6 +201,7 @@ const FORMATS: &[Row] = &[
         // Numbers are no mark: a table is what nothing else claims.
         recognise: |_| false,
         read: Reader::Points(xyz::read),
+        clean: Cleaner::Places(table::texts),
     },
 ];
 
@@ -225,6 +249,11 @@ impl Format {
     /// How a file of the format is read.
     pub(super) fn reader(self) -> Reader {
         self.row().read
+    }
+
+    /// How texts of a file of the format are overwritten.
+    pub(super) fn cleaner(self) -> Cleaner {
+        self.row().clean
     }
 
     /// Whether a file of the format holds slices of something, of which a part is to be chosen.

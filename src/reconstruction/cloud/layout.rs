@@ -9,7 +9,7 @@ use super::text::{Line, Lines, excerpt, has_decimal_comma};
 
 /// Lines and bytes at the beginning that decide on the layout.
 const LOOK_LINES: usize = 1000;
-const LOOK_BYTES: usize = 1 << 20;
+pub(super) const LOOK_BYTES: usize = 1 << 20;
 
 /// A table of text before its rows are read.
 #[derive(Debug)]
@@ -21,6 +21,8 @@ pub(super) struct Layout<'a> {
     open: bool,
     /// The columns, if a line names them.
     pub(super) columns: Option<Columns>,
+    /// Number of that line.
+    pub(super) named_by: Option<usize>,
     /// A line of names that name no coordinates.
     pub(super) unknown_names: Option<Line<'a>>,
     /// Number of points, alone in a line.
@@ -90,6 +92,7 @@ impl<'a> Layout<'a> {
             width: shape.width(),
             open: shape.width() < shape.cells,
             columns: None,
+            named_by: None,
             unknown_names: None,
             declared: None,
             skipped: Vec::new(),
@@ -106,6 +109,18 @@ impl<'a> Layout<'a> {
         let above: Vec<_> = lines().take_while(|line| line.number < first).collect();
         layout.read_above(&above)?;
         Ok(layout)
+    }
+
+    /// Whether rows are read as those of another layout are, with the same warnings.
+    pub(super) fn is_as(&self, other: &Layout<'_>) -> bool {
+        let unknown_names = |layout: &Layout<'_>| layout.unknown_names.map(|line| line.number);
+        self.separator == other.separator
+            && (self.width, self.open) == (other.width, other.open)
+            && self.columns == other.columns
+            && self.declared == other.declared
+            && self.skipped == other.skipped
+            && unknown_names(self) == unknown_names(other)
+            && self.rows.left() == other.rows.left()
     }
 
     /// Takes names and count from the lines above the rows; those next to the rows win.
@@ -125,6 +140,7 @@ impl<'a> Layout<'a> {
                     Found::Columns(columns) => {
                         self.width = columns.width();
                         self.columns = Some(columns);
+                        self.named_by = Some(line.number);
                         continue;
                     }
                     Found::Width(width) if text.is_none() => {

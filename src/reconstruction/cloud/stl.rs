@@ -13,7 +13,10 @@ use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::{Vec3, bits};
 
 /// A free text of 80 bytes, then the number of facets.
-const HEADER: usize = 84;
+const HEADER: usize = TITLE + 4;
+
+/// Bytes of the free text.
+pub(super) const TITLE: usize = 80;
 
 /// A normal and three vertices in f32, then two bytes of attributes.
 const FACET: usize = 50;
@@ -51,12 +54,13 @@ pub(in crate::reconstruction) fn space(bytes: &[u8]) -> Space {
             .next()
             .map_or(&[][..], |line| line.bytes)
     } else {
-        &bytes[..bytes.len().min(HEADER - 4)]
+        &bytes[..bytes.len().min(TITLE)]
     };
     Space::from_tags(title)
 }
 
-fn is_text(bytes: &[u8]) -> bool {
+/// Whether it is the text form.
+pub(super) fn is_text(bytes: &[u8]) -> bool {
     let is_text = starts_as_text(bytes) && !bytes[..bytes.len().min(512)].contains(&0);
     // Some binary files begin with "solid" as well.
     is_text && !has_binary_length(bytes)

@@ -17,6 +17,9 @@ use crate::reconstruction::vector::{Vec3, scale};
 /// Longest header.
 const LONGEST: usize = 1 << 16;
 
+/// The last key, behind which the data begin.
+pub(super) const LAST: &str = "ElementDataFile";
+
 /// Whether a file begins as MetaImage does.
 pub(in crate::reconstruction) fn is_metaimage(bytes: &[u8]) -> bool {
     let head = &bytes[..bytes.len().min(4096)];
@@ -49,7 +52,7 @@ impl<'a> Header<'a> {
             };
             let (key, value) = (key.trim(), value.trim());
             keys.insert(key, value);
-            if key == "ElementDataFile" {
+            if key == LAST {
                 break;
             }
         }
@@ -86,7 +89,7 @@ pub(in crate::reconstruction) fn read<'a>(
     reading: &Reading,
 ) -> Result<Segmentation<'a>, Error> {
     let (keys, data) = Header::of(bytes)?;
-    let data_file = keys.get(&["ElementDataFile"]).unwrap_or_default();
+    let data_file = keys.get(&[LAST]).unwrap_or_default();
     if !data_file.eq_ignore_ascii_case("LOCAL") {
         return Err(Error::UnsupportedFormat(
             "the data lie in another file; save both as one .mha".to_owned(),

@@ -11,6 +11,7 @@ mod dicom;
 mod metaimage;
 mod nifti;
 mod nrrd;
+mod private;
 mod raster;
 mod tally;
 
@@ -23,10 +24,11 @@ pub use affine::Affine;
 pub use choice::Choice;
 pub use contents::{Contents, Item, Kind, Parts};
 
-pub(super) use dicom::{identifiers, is_dicom, read as dicom};
+pub(super) use dicom::{clean as clean_dicom, identifiers, is_dicom, read as dicom};
 pub(super) use metaimage::{is_metaimage, read as metaimage};
 pub(super) use nifti::{is_nifti, read as nifti};
 pub(super) use nrrd::{is_nrrd, read as nrrd};
+pub(super) use private::{texts_of_metaimage, texts_of_nifti, texts_of_nrrd};
 
 /// How a file is to be understood where it leaves something open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

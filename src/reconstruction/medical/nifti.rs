@@ -1,6 +1,7 @@
 //! NIfTI-1 and -2 in one file, in either byte order.
 
 use std::borrow::Cow;
+use std::ops::Range;
 
 use super::affine::header;
 use super::raster::{Raster, values};
@@ -30,6 +31,8 @@ struct Layout {
     quaternion: usize,
     rows: usize,
     units: usize,
+    /// Texts of whoever wrote the file.
+    texts: &'static [Range<usize>],
 }
 
 const NIFTI_1: Layout = Layout {
@@ -45,6 +48,8 @@ const NIFTI_1: Layout = Layout {
     quaternion: 256,
     rows: 280,
     units: 123,
+    // data_type and db_name, descrip, aux_file, intent_name
+    texts: &[4..32, 148..228, 228..252, 328..344],
 };
 
 const NIFTI_2: Layout = Layout {
@@ -60,6 +65,8 @@ const NIFTI_2: Layout = Layout {
     quaternion: 352,
     rows: 400,
     units: 500,
+    // descrip, aux_file, intent_name, unused_str
+    texts: &[240..320, 320..344, 508..524, 525..540],
 };
 
 /// Whether a file begins as NIfTI does, with or without the data.
@@ -68,16 +75,16 @@ pub(in crate::reconstruction) fn is_nifti(bytes: &[u8]) -> bool {
 }
 
 /// A header whose bytes are all there.
-struct Header<'a> {
+pub(super) struct Header<'a> {
     bytes: &'a [u8],
     layout: &'static Layout,
-    order: ByteOrder,
+    pub(super) order: ByteOrder,
     /// Whether the data are in the same file.
     whole: bool,
 }
 
 impl<'a> Header<'a> {
-    fn of(bytes: &'a [u8]) -> Option<Self> {
+    pub(super) fn of(bytes: &'a [u8]) -> Option<Self> {
         let size = u32::from_le_bytes(*bytes.first_chunk()?);
         let (size, order) = match size {
             348 | 540 => (size, ByteOrder::Little),
@@ -96,6 +103,29 @@ impl<'a> Header<'a> {
             order,
             whole: magic == whole,
         })
+    }
+
+    /// Where the values of the voxels begin in a file of so many bytes.
+    pub(super) fn data_start(&self, bytes: usize) -> Result<usize, Error> {
+        let offset = if self.layout.wide {
+            self.number(Scalar::I64, self.layout.offset)
+        } else {
+            self.number(Scalar::F32, self.layout.offset)
+        };
+        // Some writers leave it zero; the four bytes of extensions come first.
+        let least = self.layout.size + 4;
+        let offset = if offset.is_finite() {
+            (offset.max(0.0) as usize).max(least)
+        } else {
+            least
+        };
+        enough("the values of the voxels", offset, 1, bytes)?;
+        Ok(offset)
+    }
+
+    /// Where the texts of the header are, and where it ends.
+    pub(super) fn texts(&self) -> (&'static [Range<usize>], usize) {
+        (self.layout.texts, self.layout.size)
     }
 
     fn number(&self, scalar: Scalar, at: usize) -> f64 {
@@ -303,20 +333,7 @@ pub(in crate::reconstruction) fn read<'a>(
     }
     let size = header.size()?;
     let scalar = header.scalar()?;
-    let offset = if header.layout.wide {
-        header.number(Scalar::I64, header.layout.offset)
-    } else {
-        header.number(Scalar::F32, header.layout.offset)
-    };
-    // Some writers leave it zero; the four bytes of extensions come first.
-    let least = header.layout.size + 4;
-    let offset = if offset.is_finite() {
-        (offset.max(0.0) as usize).max(least)
-    } else {
-        least
-    };
-    enough("the values of the voxels", offset, 1, bytes.len())?;
-    let data = &bytes[offset..];
+    let data = &bytes[header.data_start(bytes.len())?..];
     let count = values(&size, scalar, data.len())?;
     let mut warnings = Vec::new();
     let (mut affine, assumed) = header.affine(size, reading, &mut warnings)?;

@@ -205,6 +205,8 @@ pub(crate) fn summary(format: Format, points: u64) -> Summary {
         dropped_non_finite: 0,
         warnings: Vec::new(),
         keeps_identifiers: false,
+        cleaned: true,
+        dropped_texts: 0,
         segmentation: None,
     }
 }

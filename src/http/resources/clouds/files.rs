@@ -5,10 +5,13 @@
 //! file. So uploads take a lock shared and erasing takes it exclusively.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
 
 use crate::folder::{CLOUDS, in_folder};
 use crate::http::AppState;
+use crate::http::upload::spool::{Spooled, storage};
 use crate::http::upload::{Upload, blocking};
 use crate::http::wire::error::{ApiError, Result};
 use crate::identity::{Caller, Tenant};
@@ -21,11 +24,16 @@ pub(in crate::http) fn path(app: &AppState, sha256: &str) -> PathBuf {
     app.config.data_dir.join(CLOUDS).join(sha256)
 }
 
-/// Reads and checks an upload.
+/// Reads and checks an upload. Without the texts that may name somebody it is written to `clean_to`, if it
+/// has any.
 ///
 /// # Errors
 /// What is wrong with the cloud.
-pub(in crate::http) async fn read(app: &AppState, upload: &Upload) -> Result<Summary> {
+pub(in crate::http) async fn read(
+    app: &AppState,
+    upload: &Upload,
+    clean_to: Option<&Path>,
+) -> Result<Summary> {
     let spooled = &upload.spooled;
     let file = File {
         path: spooled.file.path(),
@@ -33,7 +41,7 @@ pub(in crate::http) async fn read(app: &AppState, upload: &Upload) -> Result<Sum
         hint: upload.hint,
         assume_orientation: upload.assume_orientation,
     };
-    let read = app.reader.read(file).await;
+    let read = app.reader.read(file, clean_to).await;
     read.map_err(|error| upload.explain(ApiError::from(error)))
 }
 
@@ -54,7 +62,7 @@ pub(in crate::http) struct Usable {
 pub(in crate::http) async fn usable(
     app: &AppState,
     tenant: &Tenant,
-    upload: Upload,
+    mut upload: Upload,
 ) -> Result<Usable> {
     let records = app.store.of(tenant);
     let known = records.cloud_by_sha256(&upload.spooled.sha256).await?;
@@ -64,6 +72,7 @@ pub(in crate::http) async fn usable(
             .unwrap_or(false)
         && (upload.assume_orientation || !has_assumed(&cloud))
         && upload.keep_identifiers == cloud.summary.keeps_identifiers
+        && (upload.keep_identifiers || cloud.summary.cleaned)
     {
         let summary = cloud.summary.clone();
         let known = Some(cloud);
@@ -73,7 +82,11 @@ pub(in crate::http) async fn usable(
             summary,
         });
     }
-    let mut summary = read(app, &upload).await?;
+    let mut summary = if upload.keep_identifiers {
+        read(app, &upload, None).await?
+    } else {
+        read_cleaned(app, &mut upload).await?
+    };
     summary.keeps_identifiers = upload.keep_identifiers && summary.format == Format::Dicom;
     let known = None;
     Ok(Usable {
@@ -81,6 +94,20 @@ pub(in crate::http) async fn usable(
         known,
         summary,
     })
+}
+
+/// Reads and checks an upload. If it has texts that may name somebody, the file without them takes its place.
+async fn read_cleaned(app: &AppState, upload: &mut Upload) -> Result<Summary> {
+    let beside = upload.spooled.file.path().parent().map(Path::to_owned);
+    let beside = beside.ok_or_else(|| ApiError::internal("an upload lies in no folder"))?;
+    let clean = blocking(move || in_folder(&beside, || NamedTempFile::new_in(&beside)));
+    let clean = clean.await?.map_err(|error| storage(&error))?;
+    let summary = read(app, upload, Some(clean.path())).await?;
+    if summary.dropped_texts > 0 {
+        let spooled = blocking(move || Spooled::of(clean));
+        upload.spooled = spooled.await?.map_err(|error| storage(&error))?;
+    }
+    Ok(summary)
 }
 
 /// Turns an upload into a cloud. `false` if the same bytes were uploaded before.

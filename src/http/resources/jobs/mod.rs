@@ -259,7 +259,7 @@ async fn estimate(
     upload: Option<&Upload>,
 ) -> Result<Response> {
     let summary = match (upload, &asked.cloud_id) {
-        (Some(upload), _) => Some(files::read(app, upload).await?),
+        (Some(upload), _) => Some(files::read(app, upload, None).await?),
         (None, Some(id)) => Some(find_cloud(app, tenant, id).await?.summary),
         (None, None) => None,
     };

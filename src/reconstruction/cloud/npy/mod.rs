@@ -11,6 +11,7 @@ use header::{Header, Part, error};
 use super::binary::{Field, collect, enough};
 use super::collector::Collector;
 use super::columns::{Columns, MAX_COLUMNS};
+use super::private::{Fill, Place};
 use super::roles::Sample;
 use super::{Error, Limits};
 
@@ -129,6 +130,23 @@ fn table(shape: &[usize]) -> Option<(usize, usize, bool)> {
             fits.contains(last).then_some((rows, *last, false))
         }
     }
+}
+
+/// The parts of elements that are no numbers.
+pub(super) fn texts(bytes: &[u8]) -> Result<Vec<Place>, Error> {
+    let header = Header::read(bytes)?;
+    let size = header.element_bytes();
+    let (mut places, mut start) = (Vec::new(), 0);
+    for part in &header.parts {
+        let length = part.count * part.size;
+        if part.scalar.is_none() && length > 0 {
+            let elements = (header.bytes..bytes.len()).step_by(size);
+            let text = elements.map(|element| element + start..element + start + length);
+            places.extend(text.map(|range| Place::new(range, Fill::Zeros)));
+        }
+        start += length;
+    }
+    Ok(places)
 }
 
 /// An array of elements with named parts.

@@ -10,6 +10,7 @@ use header::{Data, Header};
 use super::binary::{self, ByteOrder, Field, enough};
 use super::collector::Collector;
 use super::columns::Columns;
+use super::private::{Place, lines};
 use super::text::Lines;
 use super::{Error, Limits};
 
@@ -41,6 +42,13 @@ pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>
         }
     }
     Ok(collector)
+}
+
+/// Comments.
+pub(super) fn texts(bytes: &[u8]) -> Result<Vec<Place>, Error> {
+    let header = header::read(bytes)?;
+    let text = header.data == Data::Ascii;
+    Ok(lines::of_pcd(bytes, header.bytes, text))
 }
 
 fn ascii(

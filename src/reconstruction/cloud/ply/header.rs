@@ -6,6 +6,7 @@
 //! without properties, which have no data, are kept from it.
 
 use std::collections::HashSet;
+use std::ops::Range;
 
 use ply_rs::parser::Parser;
 use ply_rs::ply::{DefaultElement, Encoding};
@@ -36,6 +37,8 @@ pub(in crate::reconstruction) struct Header {
     /// What the comments say of the coordinates.
     pub(in crate::reconstruction) space: Space,
     encoding: Encoding,
+    /// Where the texts of the comments are.
+    pub(super) comments: Vec<Range<usize>>,
     bytes: usize,
     lines: usize,
 }
@@ -49,6 +52,7 @@ impl Header {
             number: lines,
             types,
             comments,
+            places,
             ..
         } = check;
         let definition = Parser::<DefaultElement>::new()
@@ -72,6 +76,7 @@ impl Header {
             elements,
             space: Space::from_tags(&comments),
             encoding: definition.encoding,
+            comments: places,
             bytes,
             lines,
         })
@@ -127,7 +132,14 @@ fn check(bytes: &[u8]) -> Result<(Check, usize), Error> {
             };
             return Err(check.error(&detail, rest));
         };
-        check.line(&rest[..length])?;
+        let line = &rest[..length];
+        check.line(line)?;
+        if is_comment(line) {
+            let indent = length - line.trim_ascii_start().len();
+            let word = line[indent..].iter().position(u8::is_ascii_whitespace);
+            let start = position + indent + word.unwrap_or(length - indent);
+            check.places.push(start..position + length);
+        }
         position += length + 1;
     }
     Ok((check, position))
@@ -153,6 +165,8 @@ struct Check {
     types: Vec<OwnType>,
     /// All comments, with blanks between them.
     comments: Vec<u8>,
+    /// Where their texts are.
+    places: Vec<Range<usize>>,
     complete: bool,
 }
 

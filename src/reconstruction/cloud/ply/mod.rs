@@ -11,6 +11,7 @@ mod header;
 use super::binary::{self, ByteOrder, Field};
 use super::collector::{Collector, Row};
 use super::columns::Columns;
+use super::private::{Fill, Place};
 use super::{Error, Limits};
 
 pub(in crate::reconstruction) use body::Body;
@@ -37,6 +38,14 @@ pub(super) fn read<'l>(bytes: &[u8], limits: &'l Limits) -> Result<Collector<'l>
         }
     }
     Ok(collector)
+}
+
+/// The texts of the comments.
+pub(super) fn texts(bytes: &[u8]) -> Result<Vec<Place>, Error> {
+    let comments = Header::read(bytes)?.comments.into_iter();
+    Ok(comments
+        .map(|range| Place::new(range, Fill::BlanksAroundTags))
+        .collect())
 }
 
 fn read_vertices(

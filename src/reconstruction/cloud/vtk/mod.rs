@@ -10,7 +10,7 @@ use super::{Error, Limits};
 use crate::reconstruction::space::Space;
 use arrays::{Numbers, scalar};
 
-pub(super) use xml::{is_xml, read as read_xml};
+pub(super) use xml::{Tags, is_xml, read as read_xml};
 
 /// Lines before the data set: the mark, a title, how numbers are written.
 const HEAD_LINES: usize = 3;

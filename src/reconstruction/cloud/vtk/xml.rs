@@ -15,24 +15,24 @@ pub(in crate::reconstruction::cloud) fn is_xml(bytes: &[u8]) -> bool {
     let head = &bytes[..bytes.len().min(HEAD)];
     let text = head.trim_ascii_start();
     let starts = text.starts_with(b"<?xml") || text.starts_with(b"<VTKFile");
-    let mut tags = Tags { bytes: head, at: 0 };
+    let mut tags = Tags::of(head);
     let file = tags.find(|tag| tag.name == b"VTKFile");
     starts && file.is_some_and(|tag| tag.get(b"type") == Some(b"PolyData".as_slice()))
 }
 
 /// A tag with its attributes.
 #[derive(Debug, Clone, Copy)]
-struct Tag<'a> {
+pub(in crate::reconstruction::cloud) struct Tag<'a> {
     /// Its name, with a slash in front where it ends something.
-    name: &'a [u8],
+    pub(in crate::reconstruction::cloud) name: &'a [u8],
     attributes: &'a [u8],
     /// Where its content begins.
-    end: usize,
+    pub(in crate::reconstruction::cloud) end: usize,
 }
 
 impl<'a> Tag<'a> {
     /// The value of an attribute.
-    fn get(&self, name: &[u8]) -> Option<&'a [u8]> {
+    pub(in crate::reconstruction::cloud) fn get(&self, name: &[u8]) -> Option<&'a [u8]> {
         let mut rest = self.attributes;
         loop {
             let equals = rest.iter().position(|&b| b == b'=')?;
@@ -60,9 +60,15 @@ impl<'a> Tag<'a> {
 }
 
 /// The tags of a text, one after the other. Attributes of VTK hold no angle brackets.
-struct Tags<'a> {
+pub(in crate::reconstruction::cloud) struct Tags<'a> {
     bytes: &'a [u8],
     at: usize,
+}
+
+impl<'a> Tags<'a> {
+    pub(in crate::reconstruction::cloud) fn of(bytes: &'a [u8]) -> Self {
+        Self { bytes, at: 0 }
+    }
 }
 
 impl<'a> Iterator for Tags<'a> {
@@ -100,7 +106,7 @@ pub(in crate::reconstruction::cloud) fn read<'l>(
     bytes: &[u8],
     limits: &'l Limits,
 ) -> Result<Collector<'l>, Error> {
-    let mut tags = Tags { bytes, at: 0 };
+    let mut tags = Tags::of(bytes);
     let root = tags.find(|tag| tag.name == b"VTKFile");
     let root = root.ok_or_else(|| header(0, "the tag VTKFile is missing"))?;
     let file = File {
@@ -208,7 +214,7 @@ fn packing(root: &Tag<'_>) -> Result<Packing, Error> {
 
 /// What is behind the underscore of the appended data.
 fn appended(bytes: &[u8]) -> Option<(&[u8], bool)> {
-    let tag = Tags { bytes, at: 0 }.find(|tag| tag.name == b"AppendedData")?;
+    let tag = Tags::of(bytes).find(|tag| tag.name == b"AppendedData")?;
     let data = &bytes[tag.end..];
     let start = data.iter().position(|&b| b == b'_')?;
     Some((&data[start + 1..], tag.get(b"encoding") == Some(b"base64")))

@@ -11,6 +11,7 @@ mod identity;
 mod parser;
 mod pixels;
 mod planes;
+mod private;
 mod segments;
 mod structures;
 mod syntax;
@@ -23,6 +24,8 @@ use crate::reconstruction::cloud::Error;
 use crate::reconstruction::slices::Identifiers;
 use element::DataSet;
 use syntax::Syntax;
+
+pub(in crate::reconstruction) use private::clean;
 
 /// Behind this many bytes of anything the mark of a file stands.
 const PREAMBLE: usize = 128;

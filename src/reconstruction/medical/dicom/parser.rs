@@ -1,5 +1,7 @@
 //! Data sets from bytes: lengths are held against what is there, nesting against a depth.
 
+use std::ops::Range;
+
 use super::element::{DataSet, Value};
 use super::syntax::Syntax;
 use super::tags;
@@ -45,16 +47,26 @@ pub(super) fn starts_as_data_set(bytes: &[u8]) -> bool {
     early && (starts_explicit(bytes) || (group == 8 && fits))
 }
 
+/// A value without parts, or bytes that no element claims.
+#[derive(Debug)]
+pub(super) struct Leaf<'p> {
+    /// Tags of the sequences that it is in, the outermost first.
+    pub(super) path: &'p [u32],
+    /// None of what no element claims.
+    pub(super) tag: Option<u32>,
+    /// Its type, where one is told.
+    pub(super) kind: Option<[u8; 2]>,
+    /// Where it lies.
+    pub(super) range: Range<usize>,
+}
+
 /// The elements of one group at the beginning, which are explicit, and the bytes behind them.
 ///
 /// # Errors
 /// [`Error::Truncated`], [`Error::Header`].
 pub(super) fn group(bytes: &[u8], group: u16) -> Result<(DataSet<'_>, &[u8]), Error> {
-    let mut parser = Parser {
-        bytes,
-        at: 0,
-        explicit: true,
-    };
+    let mut ignore = |_: Leaf<'_>| {};
+    let mut parser = Parser::new(bytes, true, &mut ignore);
     let mut elements = Vec::new();
     while parser
         .left()
@@ -73,21 +85,77 @@ pub(super) fn group(bytes: &[u8], group: u16) -> Result<(DataSet<'_>, &[u8]), Er
 /// # Errors
 /// [`Error::Truncated`], [`Error::Header`].
 pub(super) fn data_set(bytes: &[u8], syntax: Syntax) -> Result<DataSet<'_>, Error> {
-    let mut parser = Parser {
-        bytes,
-        at: 0,
-        explicit: syntax.is_explicit(),
-    };
+    let mut ignore = |_: Leaf<'_>| {};
+    let mut parser = Parser::new(bytes, syntax.is_explicit(), &mut ignore);
     parser.elements(bytes.len(), 0)
 }
 
-struct Parser<'a> {
+/// Shows `see` all leaves of a data set, but for packed pixels.
+///
+/// # Errors
+/// As [`data_set`].
+pub(super) fn leaves(
+    bytes: &[u8],
+    explicit: bool,
+    see: &mut dyn FnMut(Leaf<'_>),
+) -> Result<(), Error> {
+    let mut parser = Parser::new(bytes, explicit, see);
+    parser.elements(bytes.len(), 0)?;
+    parser.unclaimed(bytes.len());
+    Ok(())
+}
+
+/// The same of the items of a sequence in an implicit data set, which does not tell that it is one.
+///
+/// # Errors
+/// As [`data_set`].
+pub(super) fn leaves_of_items(
+    bytes: &[u8],
+    path: &[u32],
+    see: &mut dyn FnMut(Leaf<'_>),
+) -> Result<(), Error> {
+    let mut parser = Parser::new(bytes, false, see);
+    parser.path.extend(path);
+    parser.items(bytes.len(), false, path.len()).map(drop)
+}
+
+struct Parser<'a, 's> {
     bytes: &'a [u8],
     at: usize,
     explicit: bool,
+    /// Tags of the sequences around.
+    path: Vec<u32>,
+    see: &'s mut dyn FnMut(Leaf<'_>),
 }
 
-impl<'a> Parser<'a> {
+impl<'a, 's> Parser<'a, 's> {
+    fn new(bytes: &'a [u8], explicit: bool, see: &'s mut dyn FnMut(Leaf<'_>)) -> Self {
+        Self {
+            bytes,
+            at: 0,
+            explicit,
+            path: Vec::new(),
+            see,
+        }
+    }
+
+    fn saw(&mut self, tag: Option<u32>, kind: Option<[u8; 2]>, range: Range<usize>) {
+        (self.see)(Leaf {
+            path: &self.path,
+            tag,
+            kind,
+            range,
+        });
+    }
+
+    /// Moves on to byte `end`, over what no element claims.
+    fn unclaimed(&mut self, end: usize) {
+        if self.at < end {
+            self.saw(None, None, self.at..end);
+        }
+        self.at = end;
+    }
+
     fn left(&self) -> &'a [u8] {
         &self.bytes[self.at..]
     }
@@ -144,14 +212,15 @@ impl<'a> Parser<'a> {
         if length == UNDEFINED {
             return if tag == tags::PIXEL_DATA {
                 self.fragments()
-            } else if kind == Some(*b"UN") {
+            } else {
                 // What a writer did not know lies there without types.
-                let explicit = std::mem::replace(&mut self.explicit, false);
+                let explicit = self.explicit && kind != Some(*b"UN");
+                let explicit = std::mem::replace(&mut self.explicit, explicit);
+                self.path.push(tag);
                 let items = self.items(self.bytes.len(), true, depth);
+                self.path.pop();
                 self.explicit = explicit;
                 items
-            } else {
-                self.items(self.bytes.len(), true, depth)
             };
         }
         let length = length as usize;
@@ -159,13 +228,17 @@ impl<'a> Parser<'a> {
             Some(kind) => kind == *b"SQ",
             None => tags::SEQUENCES.contains(&tag),
         };
-        if !is_sequence {
-            return self.take(length).map(Value::Bytes);
-        }
         let start = self.at;
-        self.take(length)?;
+        let value = self.take(length)?;
+        if !is_sequence {
+            self.saw(Some(tag), kind, start..self.at);
+            return Ok(Value::Bytes(value));
+        }
         self.at = start;
-        self.items(start + length, false, depth)
+        self.path.push(tag);
+        let items = self.items(start + length, false, depth);
+        self.path.pop();
+        items
     }
 
     /// Length of a value, and its type where one is told.
@@ -204,7 +277,7 @@ impl<'a> Parser<'a> {
                         });
                     }
                     items.push(self.elements(item_end, depth + 1)?);
-                    self.at = item_end;
+                    self.unclaimed(item_end);
                 }
                 _ => return Err(self.fault(&format!("{tag:08x} stands where an item should"))),
             }
@@ -212,7 +285,7 @@ impl<'a> Parser<'a> {
         if marked {
             return Err(self.fault("a sequence has no end"));
         }
-        self.at = end;
+        self.unclaimed(end);
         Ok(Value::Items(items))
     }
 

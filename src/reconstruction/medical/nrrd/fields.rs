@@ -38,13 +38,10 @@ impl<'a> Fields<'a> {
             let Ok(line) = std::str::from_utf8(line) else {
                 continue;
             };
-            if line.starts_with('#') {
-                continue;
-            }
-            if let Some((key, value)) = line.split_once(":=") {
-                keys.insert(key.trim(), value.trim());
-            } else if let Some((field, value)) = line.split_once(": ").or(line.split_once(':')) {
-                fields.insert(spelled(field), value.trim());
+            match Said::by(line) {
+                Said::Key(key, value) => drop(keys.insert(key.trim(), value.trim())),
+                Said::Field(field, value) => drop(fields.insert(spelled(field), value.trim())),
+                Said::Nothing => {}
             }
         }
         if fields.contains_key("datafile") {
@@ -80,7 +77,31 @@ impl<'a> Fields<'a> {
     }
 }
 
-fn spelled(field: &str) -> String {
+/// What a line of a header says.
+pub(in crate::reconstruction::medical) enum Said<'a> {
+    /// A key with its value.
+    Key(&'a str, &'a str),
+    /// A field with its value.
+    Field(&'a str, &'a str),
+    /// It is a comment, or something that nobody reads.
+    Nothing,
+}
+
+impl<'a> Said<'a> {
+    pub(in crate::reconstruction::medical) fn by(line: &'a str) -> Self {
+        if line.starts_with('#') {
+            Self::Nothing
+        } else if let Some((key, value)) = line.split_once(":=") {
+            Self::Key(key, value)
+        } else if let Some((field, value)) = line.split_once(": ").or(line.split_once(':')) {
+            Self::Field(field, value)
+        } else {
+            Self::Nothing
+        }
+    }
+}
+
+pub(in crate::reconstruction::medical) fn spelled(field: &str) -> String {
     let letters = field.chars().filter(|c| !c.is_whitespace());
     letters.map(|c| c.to_ascii_lowercase()).collect()
 }

@@ -1,6 +1,6 @@
 //! NRRD, and segmentations of 3D Slicer in it (`.seg.nrrd`), with their data in the same file.
 
-mod fields;
+pub(super) mod fields;
 
 use std::borrow::Cow;
 
