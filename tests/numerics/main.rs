@@ -21,6 +21,7 @@ mod sampling;
 mod shapes;
 mod slices;
 mod surface;
+mod texts;
 mod traces;
 mod training;
 mod uncertainty;

@@ -18,6 +18,7 @@ mod server;
 mod soak;
 mod store;
 mod swept;
+mod texts;
 mod trust;
 mod turns;
 mod webhooks;

@@ -9,6 +9,7 @@ use meshway::reconstruction::slices::Content;
 
 use super::files;
 use crate::readers::damage::damage;
+use crate::texts::clean;
 
 /// Damaged copies of each format in the suite.
 const COPIES: usize = 600;
@@ -55,6 +56,9 @@ fn survive(bytes: &[u8], name: &str) -> bool {
         }
         Ok(())
     });
+    if read.is_ok() {
+        clean(bytes, options.hint, &limits);
+    }
     if let Err(error) = &read {
         let message = error.to_string();
         assert!(message.len() < 300, "{message}");

@@ -19,12 +19,12 @@ fn folder() -> PathBuf {
 }
 
 /// The bytes of one of them.
-fn file(name: &str) -> Vec<u8> {
+pub(crate) fn file(name: &str) -> Vec<u8> {
     fs::read(folder().join(name)).unwrap()
 }
 
 /// All of them by name.
-fn files() -> BTreeMap<String, Vec<u8>> {
+pub(crate) fn files() -> BTreeMap<String, Vec<u8>> {
     let files = fs::read_dir(folder())
         .unwrap()
         .map(|entry| entry.unwrap().path());

@@ -6,6 +6,7 @@ use proptest::prelude::*;
 use rand::RngExt;
 
 use super::files::{all, gzip};
+use crate::texts::clean;
 
 /// Damaged copies of each file.
 const COPIES: usize = 3000;
@@ -25,6 +26,7 @@ fn survive(bytes: &[u8], name: Option<&str>) {
             assert!(cloud.labels.is_none_or(|labels| labels.len() == n));
             assert!(cloud.points.iter().flatten().all(|v| v.is_finite()));
             assert!(source.dropped_non_finite + n <= limits.max_points);
+            clean(bytes, Some(source.format), &limits);
         }
         Err(error) => {
             let message = error.to_string();

@@ -24,11 +24,11 @@ pub(super) fn cloud() -> PointCloud {
 }
 
 /// A file, and which parts of [`cloud`] it holds.
-pub(super) struct File {
-    pub(super) name: &'static str,
-    pub(super) bytes: Vec<u8>,
-    pub(super) normals: bool,
-    pub(super) labels: bool,
+pub(crate) struct File {
+    pub(crate) name: &'static str,
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) normals: bool,
+    pub(crate) labels: bool,
 }
 
 impl File {
@@ -43,7 +43,7 @@ impl File {
 }
 
 /// The cloud in every format and variant.
-pub(super) fn all() -> Vec<File> {
+pub(crate) fn all() -> Vec<File> {
     vec![
         File::new("ascii.ply", ply("ascii"), true, true),
         File::new("little.ply", ply("binary_little_endian"), true, true),

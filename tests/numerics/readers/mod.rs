@@ -7,7 +7,7 @@
 
 pub(crate) mod damage;
 mod dialects;
-mod files;
+pub(crate) mod files;
 mod formats;
 mod programs;
 mod refusals;

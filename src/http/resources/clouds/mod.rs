@@ -89,7 +89,7 @@ pub(in crate::http) async fn show(
     Ok(Json(api::Cloud::from(&cloud)).into_response())
 }
 
-/// `GET /v1/clouds/{id}/content`: the bytes as they were uploaded.
+/// `GET /v1/clouds/{id}/content`: the bytes as they are kept.
 pub(in crate::http) async fn content(
     State(app): State<AppState>,
     caller: Caller,

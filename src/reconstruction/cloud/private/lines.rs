@@ -116,6 +116,9 @@ pub(super) fn comment(line: Line<'_>, bytes: &[u8]) -> Option<Place> {
 
 /// The comment at the end of a line of numbers.
 fn trailing(line: Line<'_>, bytes: &[u8]) -> Option<Place> {
+    if !line.bytes.contains(&b'#') {
+        return None;
+    }
     let last = line.tokens().last();
     let end = last.map_or(0, |last| range_of(last, line.bytes).end);
     let rest = &line.bytes[end..];

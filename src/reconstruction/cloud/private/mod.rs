@@ -17,6 +17,7 @@ use flate2::bufread::GzDecoder;
 use flate2::write::GzEncoder;
 use sha2::{Digest, Sha256};
 
+use super::cells::Cell;
 use super::format::Cleaner;
 use super::{Error, Format, Limits, Options, unpack};
 use crate::reconstruction::space::Space;
@@ -30,7 +31,7 @@ pub(in crate::reconstruction) enum Fill {
     BlanksAroundTags,
     /// Zeros.
     Zeros,
-    /// A word that is no number and names nothing; what parts words stays.
+    /// Words that name nothing, and zeros for numbers; what parts words stays.
     Words,
     /// Another identifier of DICOM of the same length, always the same for the same one.
     Identifier,
@@ -103,11 +104,7 @@ pub(in crate::reconstruction) fn overwrite(bytes: &mut [u8], places: &[Place]) -
             Fill::Blanks => blank(text),
             Fill::BlanksAroundTags => blank_around_tags(text),
             Fill::Zeros => replace(text, |_| 0),
-            Fill::Words => replace(text, |byte| match byte {
-                b',' | b';' | b'|' | b'"' | b'\'' | b'#' => byte,
-                byte if byte.is_ascii_whitespace() => byte,
-                _ => b'~',
-            }),
+            Fill::Words => words(text),
             Fill::Identifier => identifiers(text),
             Fill::Codes => codes(text),
             Fill::Base64 => replace(text, |byte| {
@@ -155,6 +152,17 @@ fn blank_around_tags(text: &mut [u8]) -> bool {
         start = start.max(tag.end);
     }
     blank(&mut text[start..]) || changed
+}
+
+/// Numbers stay numbers, and what stands for nothing still does.
+fn words(text: &mut [u8]) -> bool {
+    let parts = |byte: &u8| byte.is_ascii_whitespace() || b",;|\"'#".contains(byte);
+    let words = text.split_mut(parts).map(|word| match Cell::of(word) {
+        Cell::Number(_) => replace(word, |byte| if byte.is_ascii_digit() { b'0' } else { byte }),
+        Cell::Missing => false,
+        Cell::Text => replace(word, |_| b'~'),
+    });
+    words.fold(false, |changed, word| changed | word)
 }
 
 /// Numbers between blanks that are the codes of characters; those of one digit are none of text.
@@ -338,7 +346,7 @@ mod tests {
                 1,
             ),
             ("MYSPACE=LPS", Fill::BlanksAroundTags, "           ", 1),
-            ("Rossi, Anna 7", Fill::Words, "~~~~~, ~~~~ ~", 1),
+            ("Rossi, Anna 7", Fill::Words, "~~~~~, ~~~~ 0", 1),
             ("82 111 0 115", Fill::Codes, "32 032 0 032", 1),
             ("Rossi", Fill::Zeros, "\0\0\0\0\0", 1),
         ] {

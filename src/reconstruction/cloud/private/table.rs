@@ -25,13 +25,29 @@ pub(in crate::reconstruction::cloud) fn texts(bytes: &[u8]) -> Result<Vec<Place>
     let (comments, cells) = of_rows(&layout, bytes);
     places.extend(comments);
     let words = words_above(&layout, above).into_iter().chain(cells);
-    let all: Vec<Place> = places.iter().cloned().chain(words).collect();
+    let mut all: Vec<Place> = places.iter().cloned().chain(words).collect();
     // Words tell how rows are parted, too: where another layout would be found, they stay.
+    if let Some(before) = before_names(&layout, above) {
+        all.push(before);
+        if reads_the_same(bytes, &all)? {
+            return Ok(all);
+        }
+        all.pop();
+    }
     Ok(if reads_the_same(bytes, &all)? {
         all
     } else {
         places
     })
+}
+
+/// What stands before the names of the columns, in their line.
+fn before_names(layout: &Layout<'_>, above: &[u8]) -> Option<Place> {
+    let mut lines = Lines::new(above, 0);
+    let line = lines.find(|line| layout.named_by == Some(line.number))?;
+    let text = line.comment().unwrap_or(line.bytes);
+    let mark = text.iter().rposition(|byte| b"=:".contains(byte))?;
+    Some(Place::new(range_of(&text[..mark], above), Fill::Blanks))
 }
 
 /// Whether the same layout is found without the texts.
@@ -51,6 +67,10 @@ fn of_rows(layout: &Layout<'_>, bytes: &[u8]) -> (Vec<Place>, Vec<Place>) {
     };
     let (mut remarks, mut words) = (Vec::new(), Vec::new());
     for line in layout.rows.clone().map(unbracketed) {
+        // Most rows have numbers alone, and are many.
+        if line.bytes.iter().all(is_of_numbers) {
+            continue;
+        }
         if line.is_blank() {
             remarks.extend(comment(line, bytes));
             continue;
@@ -71,6 +91,10 @@ fn of_rows(layout: &Layout<'_>, bytes: &[u8]) -> (Vec<Place>, Vec<Place>) {
         }
     }
     (remarks, words)
+}
+
+fn is_of_numbers(byte: &u8) -> bool {
+    byte.is_ascii_digit() || b" \t,;|+-.eE".contains(byte)
 }
 
 /// Lines of words that name no column.
