@@ -16,7 +16,7 @@ export interface paths {
         put?: never;
         /**
          * Upload a cloud.
-         * @description The body is the file itself, or a form with one part `file`. Its content decides on the format (PLY, XYZ, CSV, PTS and PTX text, OBJ, OFF, STL, PCD, NPY, VTK, VTP, NIfTI, NRRD, MHA, DICOM SEG and RT-STRUCT; each may be gzipped), the name's ending only where the content leaves it open. It is read at once, so that a bad file is refused here. The same bytes are kept once.
+         * @description The body is the file itself, or a form with one part `file`. Its content decides on the format (PLY, XYZ, CSV, PTS and PTX text, OBJ, OFF, STL, PCD, NPY, VTK, VTP, NIfTI, NRRD, MHA, DICOM SEG and RT-STRUCT; each may be gzipped), the name's ending only where the content leaves it open. It is read at once, so that a bad file is refused here. The same bytes are kept once. Texts that may name somebody are overwritten before the file is kept (`dropped_texts`), unless `keep=identifiers` is given.
          */
         post: operations["createCloud"];
         delete?: never;
@@ -63,7 +63,7 @@ export interface paths {
             };
             cookie?: never;
         };
-        /** Fetch the bytes that were uploaded. */
+        /** Fetch the file of a cloud as it is kept. */
         get: operations["getCloudContent"];
         put?: never;
         post?: never;
@@ -1328,7 +1328,9 @@ export interface components {
         };
         Cloud: {
             id: components["schemas"]["CloudId"];
+            /** @description SHA-256 of the file as it is kept, which is not that of the file as it was sent where texts were dropped. */
             sha256: components["schemas"]["Sha256"];
+            /** @description Number of bytes of the file as it is kept. */
             bytes: number;
             /** @enum {string} */
             format: "ply" | "xyz" | "obj" | "off" | "stl" | "pcd" | "npy" | "nifti" | "nrrd" | "mha" | "dicom" | "vtk" | "vtp";
@@ -1353,6 +1355,8 @@ export interface components {
             warnings: components["schemas"]["Warning"][] | null;
             /** @description Whether patient and study are taken over into `mesh.dcm` and the report of its jobs. */
             keeps_identifiers?: boolean;
+            /** @description Texts in the file that may name somebody and were overwritten before it was kept: comments, titles, names of objects and of files, patient, study, dates and identifiers. 0 of a file that is kept as it was sent. */
+            dropped_texts?: number;
             /** @description What a medical file holds; null for points. */
             segmentation?: components["schemas"]["Segmentation"] | null;
             created_at: components["schemas"]["Time"];
@@ -2742,7 +2746,7 @@ export interface components {
     parameters: {
         /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
         AssumeOrientation: boolean;
-        /** @description `identifiers`: patient and study of a DICOM file that comes with the request are taken over into `mesh.dcm` and the report of its jobs. Without it they are in the uploaded file alone. The last upload of the same bytes decides. */
+        /** @description `identifiers`: a file that comes with the request is kept as it was sent, with all texts in it. Patient and study of a DICOM file are taken over into `mesh.dcm` and the report of its jobs. Without it texts that may name somebody are overwritten before the file is kept; that is another cloud. */
         KeepOfFile: "identifiers";
         /** @description Frame of the coordinates. `lps`: x to the left of the patient, y to the back, z to the head; `ras`: x to the right, y to the front. `source`: as the cloud has them. `request_invalid` where the cloud does not say its frame, and for `ras` in DICOM. */
         Space: "source" | "lps" | "ras";
@@ -2915,7 +2919,7 @@ export interface operations {
             query?: {
                 /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
                 assume_orientation?: components["parameters"]["AssumeOrientation"];
-                /** @description `identifiers`: patient and study of a DICOM file that comes with the request are taken over into `mesh.dcm` and the report of its jobs. Without it they are in the uploaded file alone. The last upload of the same bytes decides. */
+                /** @description `identifiers`: a file that comes with the request is kept as it was sent, with all texts in it. Patient and study of a DICOM file are taken over into `mesh.dcm` and the report of its jobs. Without it texts that may name somebody are overwritten before the file is kept; that is another cloud. */
                 keep?: components["parameters"]["KeepOfFile"];
                 /**
                  * @description How long the cloud is kept, in place of the service's own time (`--cloud-ttl`).
@@ -3534,7 +3538,7 @@ export interface operations {
                 source?: string;
                 /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
                 assume_orientation?: components["parameters"]["AssumeOrientation"];
-                /** @description `identifiers`: patient and study of a DICOM file that comes with the request are taken over into `mesh.dcm` and the report of its jobs. Without it they are in the uploaded file alone. The last upload of the same bytes decides. */
+                /** @description `identifiers`: a file that comes with the request is kept as it was sent, with all texts in it. Patient and study of a DICOM file are taken over into `mesh.dcm` and the report of its jobs. Without it texts that may name somebody are overwritten before the file is kept; that is another cloud. */
                 keep?: components["parameters"]["KeepOfFile"];
                 /**
                  * @description How long the job is kept after its end, in place of the member `ttl`.
@@ -3962,7 +3966,7 @@ export interface operations {
                 source?: components["schemas"]["SeveralSources"];
                 /** @description Takes a label map that does not say how it lies in the patient as it lies in its own axes. Without it such a file is refused, since left and right could be swapped. */
                 assume_orientation?: components["parameters"]["AssumeOrientation"];
-                /** @description `identifiers`: patient and study of a DICOM file that comes with the request are taken over into `mesh.dcm` and the report of its jobs. Without it they are in the uploaded file alone. The last upload of the same bytes decides. */
+                /** @description `identifiers`: a file that comes with the request is kept as it was sent, with all texts in it. Patient and study of a DICOM file are taken over into `mesh.dcm` and the report of its jobs. Without it texts that may name somebody are overwritten before the file is kept; that is another cloud. */
                 keep?: components["parameters"]["KeepOfFile"];
                 /**
                  * @description How long each job is kept after its end, in place of the member `ttl`.
