@@ -163,7 +163,7 @@ async fn refused_files_leave_nothing() {
 #[tokio::test]
 async fn batches_forms_and_uploads_in_parts_drop_texts_too() {
     let folder = Folder::new().await;
-    let server = folder.serve(&["--log-format=json"]).await;
+    let server = folder.serve(&[]).await;
     let settings = json!({"training": {"max_evaluations": 60}, "surface": {"resolution": 32}});
     let request = |what: &str| {
         json!({"preset": "fast", "settings": settings, "labels": {"study": what}}).to_string()
