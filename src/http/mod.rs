@@ -115,6 +115,7 @@ fn intake() -> Vec<Operation> {
         post("/v1/jobs", WRITE, jobs::create),
         get("/v1/jobs", READ, jobs::list),
         delete("/v1/jobs", DELETE, jobs::erase::of_label),
+        post("/v1/jobs/cancel", WRITE, jobs::cancel::of_label),
         get("/v1/jobs/{id}", READ, jobs::show),
         patch("/v1/jobs/{id}", DELETE, jobs::keep),
         delete("/v1/jobs/{id}", DELETE, jobs::erase::one),

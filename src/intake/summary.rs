@@ -12,6 +12,10 @@ use crate::reconstruction::space::Space;
 use crate::reconstruction::vector::Bounds;
 
 /// What the reading of a file found; kept with the cloud.
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "they are members of a document and do not exclude each other"
+)]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Format of the file.

@@ -159,6 +159,13 @@ pub(in crate::http) struct Erased {
     pub(in crate::http) held: u64,
 }
 
+/// Jobs that were asked to end together.
+#[derive(Debug, Default, Serialize)]
+pub(in crate::http) struct Cancelled {
+    /// How many.
+    pub(in crate::http) jobs: u64,
+}
+
 /// Whether its cloud came from a label map, so that its mesh can be one.
 fn has_grid(job: &jobs::Job) -> bool {
     let report = job.report.as_ref();

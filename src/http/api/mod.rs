@@ -25,7 +25,7 @@ pub(in crate::http) use cloud::Cloud;
 pub(in crate::http) use event::{
     AllReset, BatchReset, EventItem, EventPage, JobReset, SucceededLinks,
 };
-pub(in crate::http) use job::{DryRun, Erased, Job, Place};
+pub(in crate::http) use job::{Cancelled, DryRun, Erased, Job, Place};
 pub(in crate::http) use problem::Problem;
 pub(in crate::http) use result::{Blocks, JobItems, Series, Snapshot};
 pub(in crate::http) use system::{Check, Limits, Live, PresetItem, Range, Ready, Version};

@@ -118,6 +118,10 @@ pub(in crate::reconstruction) fn texts_of_nifti(bytes: &[u8]) -> Result<Vec<Plac
 }
 
 /// Comments, and values of fields and keys.
+#[expect(
+    clippy::unnecessary_wraps,
+    reason = "one of the functions of a table, of which others fail"
+)]
 pub(in crate::reconstruction) fn texts_of_nrrd(bytes: &[u8]) -> Result<Vec<Place>, Error> {
     let mut places = Vec::new();
     for (i, line) in bytes.split(|&byte| byte == b'\n').enumerate() {
@@ -156,6 +160,10 @@ fn is_of_slicer(key: &str) -> bool {
 }
 
 /// Comments, and values of keys.
+#[expect(
+    clippy::unnecessary_wraps,
+    reason = "one of the functions of a table, of which others fail"
+)]
 pub(in crate::reconstruction) fn texts_of_metaimage(bytes: &[u8]) -> Result<Vec<Place>, Error> {
     let mut places = Vec::new();
     for line in bytes.split(|&byte| byte == b'\n') {

@@ -1,4 +1,4 @@
-//! Erasing by label.
+//! Erasing and cancelling by label.
 
 use axum::body::Body;
 use axum::http::Request;
@@ -83,4 +83,41 @@ async fn a_label_erases_its_jobs_and_their_clouds() {
     service.fetch(&theirs, theirs_job).await.expect(200);
     let content = format!("{}/content", job["links"]["cloud"].as_str().unwrap());
     service.fetch(&theirs, &content).await.expect(200);
+}
+
+#[tokio::test]
+async fn a_label_cancels_its_jobs_that_have_not_ended() {
+    let timed = Timed::with(&[]).await;
+    let service = &timed.service;
+    let ended = timed.ended(0.0, json!({"labels": {"patient": "p7"}})).await;
+    let cloud = timed.show(&ended).await["cloud_id"].clone();
+    let submit = async |patient: &str| {
+        let job = json!({"cloud_id": cloud, "labels": {"patient": patient}});
+        timed.submit(job).await
+    };
+    let running = submit("p7").await;
+    let claim = service.claim().await;
+    let (waits, other) = (submit("p7").await, submit("p8").await);
+    let cancel = async |label: &str| {
+        let path = format!("/v1/jobs/cancel?label={label}");
+        service.post_json(&path, &json!({})).await
+    };
+    cancel("p7").await.expect_problem(422, "request_invalid");
+    let asked = cancel("patient:p7").await.expect(200);
+    expect_contract(&asked, "post", "/v1/jobs/cancel");
+    assert_eq!(asked.json(), json!({"jobs": 2}));
+    for (job, status, requested) in [
+        (&ended, "succeeded", false),
+        (&running, "running", true),
+        (&waits, "cancelled", true),
+        (&other, "queued", false),
+    ] {
+        let shown = timed.show(job).await;
+        assert_eq!(shown["status"], status);
+        assert_eq!(shown["cancel_requested"], requested, "{shown}");
+    }
+    // Once is enough.
+    assert_eq!(cancel("patient:p7").await.json(), json!({"jobs": 0}));
+    service.store().cancelled(&claim).await.unwrap();
+    assert_eq!(timed.show(&running).await["status"], "cancelled");
 }

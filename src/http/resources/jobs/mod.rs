@@ -1,6 +1,7 @@
 //! Jobs: submitted, listed, described, cancelled, tried again, erased.
 
 pub(in crate::http) mod answer;
+pub(in crate::http) mod cancel;
 pub(in crate::http) mod erase;
 pub(in crate::http) mod found;
 pub(in crate::http) mod request;

@@ -1,7 +1,7 @@
 //! Whose job is next, and how much was worked for whom.
 //!
 //! Tenants take turns, weighed by the estimated cost of their jobs; the view `queue` of the database
-//! is the one definition of the order (migration 0011 has the rule). What is claimed moves its tenant
+//! is the one definition of the order (migrations 0011 and 0017 have the rule). What is claimed moves its tenant
 //! on by its cost. Within a tenant a higher priority goes first, then what was submitted first.
 
 use std::collections::HashMap;
@@ -92,11 +92,27 @@ impl Store {
 }
 
 impl Transaction<'_> {
-    /// The job that is next, and its turn.
+    /// The job that is next, and its turn: the first in the view `queue`. It is the first of its tenant,
+    /// so that only those are compared.
     pub(in crate::jobs::store) async fn next_in_queue(&mut self) -> Result<Option<(JobId, i64)>> {
-        let row = sqlx::query("SELECT id, turn FROM queue ORDER BY turn, created_at, id LIMIT 1")
-            .fetch_optional(&mut *self.db)
-            .await?;
+        let row = sqlx::query(
+            "WITH RECURSIVE tenants (tenant) AS (
+                 SELECT MIN(tenant) FROM jobs INDEXED BY jobs_waiting WHERE status = 'queued'
+                 UNION ALL
+                 SELECT (SELECT MIN(tenant) FROM jobs INDEXED BY jobs_waiting
+                         WHERE status = 'queued' AND tenant > tenants.tenant)
+                 FROM tenants WHERE tenant IS NOT NULL)
+             SELECT first.id,
+                 MAX(COALESCE((SELECT served_ms FROM turns WHERE turns.tenant = first.tenant), 0),
+                     (SELECT turn FROM now_served)) AS turn
+             FROM tenants JOIN jobs AS first ON first.id =
+                 (SELECT id FROM jobs INDEXED BY jobs_waiting
+                  WHERE status = 'queued' AND tenant = tenants.tenant
+                  ORDER BY priority DESC, created_at, id LIMIT 1)
+             ORDER BY turn, created_at, first.id LIMIT 1",
+        )
+        .fetch_optional(&mut *self.db)
+        .await?;
         let Some(row) = row else {
             return Ok(None);
         };

@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
 /// Names and texts of the migrations, in their order.
 pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 16] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 17] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -109,6 +109,10 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 16] = [
     (
         "webhooks",
         include_str!("../../../../migrations/0016_webhooks.sql"),
+    ),
+    (
+        "waiting",
+        include_str!("../../../../migrations/0017_waiting.sql"),
     ),
 ];
 

@@ -68,7 +68,7 @@ fn of_rows(layout: &Layout<'_>, bytes: &[u8]) -> (Vec<Place>, Vec<Place>) {
     let (mut remarks, mut words) = (Vec::new(), Vec::new());
     for line in layout.rows.clone().map(unbracketed) {
         // Most rows have numbers alone, and are many.
-        if line.bytes.iter().all(is_of_numbers) {
+        if line.bytes.iter().copied().all(is_of_numbers) {
             continue;
         }
         if line.is_blank() {
@@ -93,8 +93,8 @@ fn of_rows(layout: &Layout<'_>, bytes: &[u8]) -> (Vec<Place>, Vec<Place>) {
     (remarks, words)
 }
 
-fn is_of_numbers(byte: &u8) -> bool {
-    byte.is_ascii_digit() || b" \t,;|+-.eE".contains(byte)
+fn is_of_numbers(byte: u8) -> bool {
+    byte.is_ascii_digit() || b" \t,;|+-.eE".contains(&byte)
 }
 
 /// Lines of words that name no column.

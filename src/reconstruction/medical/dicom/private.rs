@@ -205,7 +205,7 @@ fn add_items(leaf: &Leaf<'_>, tag: u32, bytes: &[u8], places: &mut Vec<Place>) {
 
 fn is_kept(tag: u32, path: &[u32]) -> bool {
     // Lengths of groups are numbers that no program needs any more, and must be right.
-    let is_length = tag & 0xffff == 0;
+    let is_length = tag.trailing_zeros() >= 16;
     let is_named = |tag: &u32| NAMED.contains(&(tag >> 16)) || ANATOMY.contains(tag);
     is_length || KEPT.contains(&tag) || CODES.contains(&tag) && path.iter().any(is_named)
 }
@@ -216,9 +216,9 @@ fn is_private(tag: u32) -> bool {
 
 /// Whether a value of no type is an identifier: numbers with points between them.
 fn is_identifier(value: &[u8]) -> bool {
-    let points = value.iter().filter(|&&byte| byte == b'.').count();
+    let numbers = value.split(|&byte| byte == b'.').count();
     let is_of_one = |byte: &u8| byte.is_ascii_digit() || b".\\\0 ".contains(byte);
-    points > 1 && value.iter().all(is_of_one)
+    numbers > 2 && value.iter().all(is_of_one)
 }
 
 /// Whether a value of no type may be text.
