@@ -66,7 +66,7 @@ pub struct Cleaned {
 /// The file without texts that may name somebody; `None` if it has none.
 ///
 /// # Errors
-/// As [`super::read`]: it is meant for files that were read.
+/// As [`super::read()`]: it is meant for files that were read.
 pub fn cleaned(bytes: &[u8], options: &Options<'_>) -> Result<Option<Cleaned>, Error> {
     let limits = options.limits;
     let unpacked = unpack(bytes, limits)?;
