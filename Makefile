@@ -111,7 +111,7 @@ soak-audit: setup web
 	MESHWAY_AUDIT_KILLS=$(KILLS) cargo test --locked --test service -- --exact trust::every_answer_has_its_row_once_however_the_service_dies
 
 fuzz-medical: setup
-	cargo nextest run --locked --run-ignored only --no-capture -E 'test(many_damaged_segmentations)'
+	cargo test --locked --test numerics -- --ignored --nocapture many_damaged_segmentations
 
 deny:
 	cargo deny --locked check licenses bans sources
