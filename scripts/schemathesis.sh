@@ -52,9 +52,9 @@ expected-statuses = ["2xx", "304", "404", "409", "410", "416"]
 expected-statuses = ["4xx"]
 
 # What fits the schema and is refused all the same: made-up bytes are no cloud (415, 422), settings
-# contradict each other or the cloud (422), a cursor is none of ours (400).
+# contradict each other or the cloud (422), a cursor is none of ours (400), an address is not for webhooks (422).
 [[operations]]
-include-path-regex = "^/v1/(audit|batches|clouds|jobs|keys|jobs/[{]id[}]/retry)$"
+include-path-regex = "^/v1/(audit|batches|clouds|jobs|keys|webhooks|jobs/[{]id[}]/retry|webhooks/[{]id[}](/deliveries)?)$"
 [operations.checks.positive_data_acceptance]
 expected-statuses = ["2xx", "304", "400", "404", "409", "410", "413", "415", "422"]
 
@@ -77,7 +77,7 @@ expected-statuses = ["2xx", "304", "404", "409", "410", "416", "422"]
 
 # A member that is null is taken as one that is left out.
 [[operations]]
-include-path-regex = "^/v1/(keys|jobs|batches|clouds|jobs/[{]id[}]|clouds/[{]id[}]|jobs/[{]id[}]/(field|retry))$"
+include-path-regex = "^/v1/(keys|jobs|batches|clouds|webhooks|jobs/[{]id[}]|clouds/[{]id[}]|webhooks/[{]id[}]|jobs/[{]id[}]/(field|retry))$"
 [operations.checks.negative_data_rejection]
 expected-statuses = ["2xx", "4xx"]
 
