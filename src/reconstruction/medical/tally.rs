@@ -83,7 +83,13 @@ impl Tally {
                 add(&mut self.shares);
             }
         } else {
-            return Err(image(&format!("a voxel has the value {value:.4}")));
+            // The largest number that there is has 309 digits.
+            let shown = if value.abs() < 1e9 {
+                format!("{value:.4}")
+            } else {
+                format!("{value:e}")
+            };
+            return Err(image(&format!("a voxel has the value {shown}")));
         }
         if self.counts.len() > MOST_LABELS {
             let detail = format!("its voxels have more than {MOST_LABELS} different values");
