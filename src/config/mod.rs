@@ -5,18 +5,19 @@
 //! into the flags of the same name before the command line is read, see [`file_arguments`].
 
 mod file;
+mod list;
 mod ttl;
 
 use std::fmt::Display;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use clap::Args;
 use ipnet::IpNet;
 use serde::{Deserialize, Serialize};
 
 use crate::identity::Keyring;
+use list::{list, parts};
 
 pub use file::{FileError, file_arguments};
 pub use ttl::Ttl;
@@ -242,24 +243,6 @@ fn base_path(text: &str) -> Result<String, String> {
     }
 }
 
-/// Values with commas between them, as they were given.
-fn list<T: FromStr<Err: Display>>(text: &str) -> Result<String, String> {
-    let faults = parts(text).filter_map(|part| {
-        let fault = part.parse::<T>().err()?;
-        Some(format!("{part}: {fault}"))
-    });
-    match faults.collect::<Vec<_>>() {
-        faults if faults.is_empty() => Ok(text.to_owned()),
-        faults => Err(faults.join("; ")),
-    }
-}
-
-/// The parts of a list with commas.
-fn parts(list: &str) -> impl Iterator<Item = &str> {
-    let parts = list.split(',').map(str::trim);
-    parts.filter(|part| !part.is_empty())
-}
-
 /// What is asked of clients in the handshake.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
@@ -294,6 +277,11 @@ impl Config {
     /// Origins of other sites whose pages may use the service.
     pub fn origins(&self) -> impl Iterator<Item = &str> {
         parts(&self.allowed_origins)
+    }
+
+    /// Names that the service goes by besides localhost and its addresses.
+    pub fn hosts(&self) -> impl Iterator<Item = &str> {
+        parts(&self.allowed_hosts)
     }
 
     /// Networks that receivers of webhooks may be in.

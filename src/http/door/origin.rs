@@ -112,10 +112,7 @@ fn answers_to(config: &Config, host: &str) -> bool {
     name == "localhost"
         || name.ends_with(".localhost")
         || config
-            .allowed_hosts
-            .split(',')
-            .map(str::trim)
-            .filter(|allowed| !allowed.is_empty())
+            .hosts()
             .any(|allowed| allowed == "*" || without_port(allowed).eq_ignore_ascii_case(&name))
 }
 

@@ -5,6 +5,7 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 
 use super::act::Act;
+use super::queue::DAY_MS;
 use super::row::{Columns, to_json};
 use crate::jobs::store::sqlite::writer::Transaction;
 use crate::jobs::store::{Acts, Records, Store};
@@ -14,8 +15,6 @@ use crate::jobs::{
 
 /// Days that messages are kept.
 const KEEP_DAYS: i64 = 30;
-
-const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
 
 impl Acts<'_> {
     /// Writes a test to a webhook of the caller's tenant; none where there is none.

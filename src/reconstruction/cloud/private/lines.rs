@@ -131,7 +131,11 @@ fn trailing(line: Line<'_>, bytes: &[u8]) -> Option<Place> {
     }
     let last = line.tokens().last();
     let end = last.map_or(0, |last| range_of(last, line.bytes).end);
-    let rest = &line.bytes[end..];
+    remark(&line.bytes[end..], bytes)
+}
+
+/// What is behind the mark of a comment in the rest of a line.
+pub(super) fn remark(rest: &[u8], bytes: &[u8]) -> Option<Place> {
     let mark = rest.iter().position(|&byte| byte == b'#')?;
     Some(Place::new(range_of(&rest[mark + 1..], bytes), Fill::Blanks))
 }

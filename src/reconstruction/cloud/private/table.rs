@@ -1,6 +1,6 @@
 //! Texts in tables of numbers: comments, what stands above the rows, and cells of words.
 
-use super::lines::{comment, comments};
+use super::lines::{comment, comments, remark};
 use super::{Fill, Place, overwrite, range_of};
 use crate::reconstruction::cloud::Error;
 use crate::reconstruction::cloud::cells::{Cell, Cells};
@@ -85,10 +85,7 @@ fn of_rows(layout: &Layout<'_>, bytes: &[u8]) -> (Vec<Place>, Vec<Place>) {
                 words.push(Place::new(range, Fill::Words));
             }
         }
-        let rest = &line.bytes[end..];
-        if let Some(mark) = rest.iter().position(|&byte| byte == b'#') {
-            remarks.push(Place::new(range_of(&rest[mark + 1..], bytes), Fill::Blanks));
-        }
+        remarks.extend(remark(&line.bytes[end..], bytes));
     }
     (remarks, words)
 }
