@@ -192,7 +192,7 @@ impl Transaction<'_> {
         if cloud.is_none() {
             return Err(Error::CloudMissing(new.cloud_id.clone()));
         }
-        let waiting: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE status = 'queued'")
+        let waiting: i64 = sqlx::query_scalar("SELECT COALESCE(SUM(jobs), 0) FROM waiting")
             .fetch_one(&mut *self.db)
             .await?;
         let limit = self.options.queue_limit;
