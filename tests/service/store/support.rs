@@ -172,7 +172,7 @@ impl Bench {
 fn options(clock: &Arc<AtomicI64>) -> Options {
     let clock = Arc::clone(clock);
     Options {
-        clock: Arc::new(move || clock.load(Ordering::SeqCst)),
+        clock: Some(Arc::new(move || clock.load(Ordering::SeqCst))),
         ..Options::default()
     }
 }
