@@ -17,6 +17,12 @@ CREATE FUNCTION json_each(document TEXT) RETURNS TABLE (key TEXT, value TEXT)
     LANGUAGE SQL IMMUTABLE PARALLEL SAFE AS
     $$SELECT key, value FROM json_each_text(replace(document, '\u0000', '\ufffe')::json)$$;
 
+-- The one data folder that has the bytes which the rows name, by the name in its file "home".
+CREATE TABLE home (
+    one    BIGINT NOT NULL PRIMARY KEY CHECK (one = 1),
+    folder TEXT COLLATE "C" NOT NULL
+);
+
 -- Uploaded clouds; the bytes are the file clouds/<sha256> of the data folder. Two tenants with the same
 -- bytes have a cloud each.
 CREATE TABLE clouds (
@@ -110,7 +116,7 @@ CREATE TABLE metrics (
     job_id          TEXT COLLATE "C" NOT NULL REFERENCES jobs (id),
     evaluation      BIGINT NOT NULL,
     iteration       BIGINT NOT NULL,
-    loss            DOUBLE PRECISION,            -- NULL: not finite
+    loss            DOUBLE PRECISION,            -- NULL: not a number
     validation_loss DOUBLE PRECISION,
     gradient_norm   DOUBLE PRECISION,
     step_length     DOUBLE PRECISION,
@@ -214,7 +220,7 @@ CREATE TABLE audit_begins (
 
 -- The largest place that was given: rows that are cut off at the end show against it.
 CREATE TABLE audit_given (
-    only BIGINT NOT NULL PRIMARY KEY CHECK (only = 1),
+    one  BIGINT NOT NULL PRIMARY KEY CHECK (one = 1),
     seq  BIGINT NOT NULL
 );
 
@@ -236,8 +242,8 @@ CREATE FUNCTION audit_may_begin() RETURNS trigger LANGUAGE plpgsql AS
     END$$;
 CREATE FUNCTION audit_give() RETURNS trigger LANGUAGE plpgsql AS
     $$BEGIN
-        INSERT INTO audit_given (only, seq) VALUES (1, NEW.seq)
-        ON CONFLICT (only) DO UPDATE SET seq = max(audit_given.seq, excluded.seq);
+        INSERT INTO audit_given (one, seq) VALUES (1, NEW.seq)
+        ON CONFLICT (one) DO UPDATE SET seq = max(audit_given.seq, excluded.seq);
         RETURN NEW;
     END$$;
 CREATE TRIGGER audit_is_not_changed BEFORE UPDATE ON audit
@@ -274,7 +280,7 @@ CREATE TABLE turns (
     served_ms BIGINT NOT NULL CHECK (served_ms >= 0)
 );
 CREATE TABLE now_served (
-    only BIGINT NOT NULL PRIMARY KEY CHECK (only = 1),
+    one  BIGINT NOT NULL PRIMARY KEY CHECK (one = 1),
     turn BIGINT NOT NULL CHECK (turn >= 0)
 );
 INSERT INTO now_served VALUES (1, 0);

@@ -59,6 +59,12 @@ pub enum Error {
     /// The store was closed while the request waited.
     #[error("the store is closed")]
     Closed,
+    /// The database on the server has the rows of another data folder.
+    #[error(
+        "the database belongs to another data folder, which has the bytes that its rows name; name \
+         that folder, or another database"
+    )]
+    Elsewhere,
     /// The schema cannot be brought up to date.
     #[error("migrating the database: {0}")]
     Migration(Arc<sqlx::migrate::MigrateError>),
@@ -81,6 +87,7 @@ impl Error {
             Self::Closed => "draining",
             Self::SnapshotAtZero
             | Self::Inconsistent { .. }
+            | Self::Elsewhere
             | Self::Migration(_)
             | Self::Database(_) => "internal",
         }

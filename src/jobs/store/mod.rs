@@ -121,6 +121,33 @@ impl Default for Options {
     }
 }
 
+/// How long claims on jobs last, and how long a worker waits for the database: a server may be away
+/// for some seconds to start again, or for another one to take its place.
+#[derive(Debug, Clone, Copy)]
+pub struct Terms {
+    /// How long a job is held without a renewal, in milliseconds.
+    pub lease_ms: i64,
+    /// Time between two renewals; also the longest time until a cancellation is heard. At least three may
+    /// be lost.
+    pub renewal: Duration,
+    /// How often a worker asks, with half a second between, before it gives a job up.
+    pub tries: u32,
+}
+
+/// On `SQLite`, where only a stopped process or a full disk is in the way.
+const LOCAL: Terms = Terms {
+    lease_ms: 6_000,
+    renewal: Duration::from_millis(1_500),
+    tries: 20,
+};
+
+/// With a server.
+const REMOTE: Terms = Terms {
+    lease_ms: 30_000,
+    renewal: Duration::from_secs(5),
+    tries: 240,
+};
+
 /// What is done in a transaction.
 type Work<T> = Box<dyn for<'c> FnOnce(Transaction<'c>) -> BoxFuture<'c, Result<T>> + Send>;
 
@@ -156,7 +183,8 @@ impl Store {
     ///
     /// # Errors
     /// `Busy` where other processes still migrate after several times the busy timeout; `Migration` if the database is of a later version;
-    /// `Full` if content from before cannot be moved; `Database` if it is none of ours or cannot be opened.
+    /// `Full` if content from before cannot be moved; `Database` if it is none of ours or cannot be opened;
+    /// `Elsewhere` if another data folder belongs to the database of the server.
     pub async fn open(data_dir: &Path, options: Options) -> Result<Self> {
         let (changed, _) = watch::channel(0);
         match options.database.clone() {
@@ -201,7 +229,8 @@ impl Store {
         let clock = ServerClock::default();
         let committed = Arc::new(Notify::new());
         let connect = postgres::connect_options(url)?;
-        let session = Session::open(&connect, clock.clone(), Arc::clone(&committed)).await?;
+        let session =
+            Session::open(&connect, data_dir, clock.clone(), Arc::clone(&committed)).await?;
         options
             .clock
             .get_or_insert_with(|| Arc::new(move || clock.now()));
@@ -284,6 +313,14 @@ impl Store {
     /// Overwrites what was erased in the write-ahead logs, too, soon and in the background.
     pub fn shred(&self) {
         self.inner.burial.logs.iter().for_each(Shredder::wake);
+    }
+
+    /// How long claims last here.
+    pub fn terms(&self) -> Terms {
+        match self.inner.readers {
+            Readers::Sqlite(_) => LOCAL,
+            Readers::Postgres(_) => REMOTE,
+        }
     }
 
     /// The store's time, in milliseconds since the epoch.

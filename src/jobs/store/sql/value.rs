@@ -45,8 +45,8 @@ impl<'q> Value<'q> {
             Self::Text(Some(Cow::Borrowed(text))) => arguments.add(Some(text)),
             Self::Text(None) => arguments.add(None::<&str>),
             Self::Integer(number) => arguments.add(number),
-            // As SQLite keeps it: a number that is not finite is none.
-            Self::Real(number) => arguments.add(number.filter(|number| number.is_finite())),
+            // As SQLite keeps it: what is not a number is none.
+            Self::Real(number) => arguments.add(number.filter(|number| !number.is_nan())),
             Self::Bytes(Some(Cow::Owned(bytes))) => arguments.add(Some(bytes)),
             Self::Bytes(Some(Cow::Borrowed(bytes))) => arguments.add(Some(bytes)),
             Self::Bytes(None) => arguments.add(None::<&[u8]>),
