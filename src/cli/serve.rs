@@ -117,11 +117,14 @@ async fn serve(
         events_limit: config.max_events.into(),
         metrics_limit: config.max_metrics.into(),
         ballast_bytes: BALLAST_BYTES,
+        database: secret(config),
         ..store::Options::default()
     };
-    let store = Store::open(&config.data_dir, options)
-        .await
-        .map_err(failed)?;
+    let store = Store::open(&config.data_dir, options);
+    let store = store.await.map_err(|error| match &config.database {
+        Some(database) => Failure::Output(format!("--database {database}: {error}")),
+        None => failed(error),
+    })?;
     folder.sweep(&store).await?;
     store.collect_garbage(None).await.map_err(failed)?;
     // Before the first request: keys that were in flight when the last server died.
@@ -142,11 +145,16 @@ async fn serve(
     let program = std::env::current_exe()
         .map_err(|error| Failure::Output(format!("this program cannot be found: {error}")))?;
     let shutdown = CancellationToken::new();
+    let node = match &config.database {
+        Some(_) => worker::new_node(),
+        None => String::new(),
+    };
     let options = supervisor::Options {
         program: program.clone(),
         arguments: worker_arguments(arguments, substitute),
-        orders: serde_json::to_string(&orders(arguments, cores))
+        orders: serde_json::to_string(&orders(arguments, cores, &node))
             .map_err(|error| Failure::Output(format!("orders of the workers: {error}")))?,
+        node,
         workers: config.workers,
         memory_limit_bytes: config.worker_memory_bytes(),
         drain: DRAIN,
@@ -230,7 +238,7 @@ fn worker_arguments(arguments: &Arguments, substitute: Option<&Substitute>) -> V
 }
 
 /// What workers are told first.
-fn orders(arguments: &Arguments, cores: usize) -> Orders {
+fn orders(arguments: &Arguments, cores: usize, node: &str) -> Orders {
     let config = &arguments.config;
     Orders {
         options: worker::Options {
@@ -243,7 +251,15 @@ fn orders(arguments: &Arguments, cores: usize) -> Orders {
         },
         log_format: config.log_format,
         log: config.log.clone(),
+        database: secret(config),
+        node: node.to_owned(),
     }
+}
+
+/// The address of the database with its password, for those who connect.
+fn secret(config: &Config) -> Option<String> {
+    let url = config.database.as_ref();
+    url.map(|url| url.secret().to_owned())
 }
 
 fn end_on_signals(shutdown: &CancellationToken) -> Result<(), Failure> {

@@ -48,6 +48,10 @@ pub(super) struct Orders {
     pub(super) log_format: LogFormat,
     /// What is logged.
     pub(super) log: String,
+    /// The database of the rows, with its password; none: that of the folder.
+    pub(super) database: Option<String>,
+    /// Name of the start of the service; empty where no other one shares its database.
+    pub(super) node: String,
 }
 
 impl Orders {
@@ -78,7 +82,7 @@ pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Res
         .enable_all()
         .build()
         .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
-    if runtime.block_on(work_on(arguments, orders.options, work))? == End::Hung {
+    if runtime.block_on(work_on(arguments, orders, work))? == End::Hung {
         // Exit handlers would wait for the thread that does not stop.
         kill_process(getpid(), Signal::KILL)
             .map_err(|error| Failure::Output(format!("the worker cannot end: {error}")))?;
@@ -86,14 +90,16 @@ pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Res
     Ok(())
 }
 
-async fn work_on(arguments: &Arguments, options: Options, work: Arc<Work>) -> Result<End, Failure> {
+async fn work_on(arguments: &Arguments, orders: Orders, work: Arc<Work>) -> Result<End, Failure> {
+    let options = orders.options;
     let stopping = CancellationToken::new();
     let wake = listen(&stopping)?;
-    let name = worker_name(arguments.slot, std::process::id());
+    let name = worker_name(arguments.slot, std::process::id(), &orders.node);
     let limits = store::Options {
         events_limit: options.events_limit,
         metrics_limit: options.metrics_limit,
         process: name.clone(),
+        database: orders.database,
         ..store::Options::default()
     };
     let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());

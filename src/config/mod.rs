@@ -4,8 +4,10 @@
 //! default. There is one declaration of each setting, the field below: keys of the file are turned
 //! into the flags of the same name before the command line is read, see [`file_arguments`].
 
+mod database;
 mod file;
 mod list;
+mod problems;
 mod ttl;
 
 use std::fmt::Display;
@@ -19,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use crate::identity::Keyring;
 use list::list;
 
+pub use database::DatabaseUrl;
 pub use file::{FileError, file_arguments};
 pub use ttl::Ttl;
 
@@ -28,9 +31,6 @@ const HOUR_MS: i64 = 60 * 60 * 1_000;
 
 /// Memory of a worker besides grid and training: program, libtorch, cloud.
 const WORKER_BASE_MIB: u64 = 256;
-
-/// Least memory of a worker: a job of the preset `fast` fits.
-const LEAST_WORKER_MIB: u64 = 288;
 
 /// Settings of `meshway serve`.
 #[derive(Debug, Clone, Serialize, Args)]
@@ -44,6 +44,16 @@ pub struct Config {
     /// things in it is refused.
     #[arg(long, env = "MESHWAY_DATA_DIR", default_value = "meshway-data")]
     pub data_dir: PathBuf,
+
+    /// Postgres database for the rows, as in `postgres://meshway@db.example/meshway?sslmode=verify-full`;
+    /// without it, SQLite in the data folder. The password is best in PGPASSWORD or PGPASSFILE.
+    #[arg(long, env = "MESHWAY_DATABASE", hide_env_values = true)]
+    pub database: Option<DatabaseUrl>,
+
+    /// Connect to a database on another machine without TLS that knows its name.
+    #[arg(long, env = "MESHWAY_INSECURE_BACKEND", num_args = 0..=1, require_equals = true,
+          default_value_t = false, default_missing_value = "true", action = clap::ArgAction::Set)]
+    pub insecure_backend: bool,
 
     /// Serve without keys on an address that others can reach.
     #[arg(long, env = "MESHWAY_ALLOW_UNAUTHENTICATED", num_args = 0..=1, require_equals = true,
@@ -319,43 +329,6 @@ impl Config {
             0 => share,
             asked => asked.min(share),
         }
-    }
-
-    /// What contradicts itself or the machine, each in one sentence.
-    pub fn problems(&self, cores: usize) -> Vec<String> {
-        let mut problems = Vec::new();
-        let shown = self.tls_client_ca.is_some() && self.tls_client_auth == ClientAuth::Required;
-        let known = shown || !self.keys.is_empty();
-        if !self.listen.ip().is_loopback() && !known && !self.allow_unauthenticated {
-            problems.push(format!(
-                "--listen {}: others can reach this address and there are no keys; put some into \
-                 the file of --config (`meshway key new` makes them), listen on 127.0.0.1 behind a \
-                 proxy that authenticates, or give --allow-unauthenticated",
-                self.listen
-            ));
-        }
-        if self.tls_cert.is_some() != self.tls_key.is_some() {
-            problems.push("--tls-cert and --tls-key go together; give both or neither".to_owned());
-        }
-        if self.tls_client_ca.is_some() && self.tls_cert.is_none() {
-            problems.push("--tls-client-ca needs --tls-cert and --tls-key".to_owned());
-        }
-        let asked = usize::from(self.workers) * usize::from(self.threads_per_worker.max(1));
-        if asked > cores {
-            problems.push(format!(
-                "--workers {} with --threads-per-worker {} take {asked} threads, but there are \
-                 {cores} cores",
-                self.workers, self.threads_per_worker
-            ));
-        }
-        if (1..LEAST_WORKER_MIB).contains(&self.worker_memory_mib) {
-            problems.push(format!(
-                "--worker-memory-mib {}: no job fits; give at least {LEAST_WORKER_MIB}, or 0 for \
-                 no limit",
-                self.worker_memory_mib
-            ));
-        }
-        problems
     }
 
     /// The settings as a file that `--config` takes.

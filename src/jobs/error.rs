@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use sqlx::postgres::PgDatabaseError;
 use thiserror::Error;
 
 use super::CloudId;
@@ -13,8 +14,8 @@ use crate::identity::Policy;
 #[derive(Debug, Clone, Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// Another writer held the database for longer than the busy timeout.
-    #[error("the database is busy: another process holds it; try again in a moment")]
+    /// Another writer held the database for longer than the busy timeout, or its server is away.
+    #[error("the database is busy or cannot be reached; try again in a moment")]
     Busy,
     /// The disk is full or refuses to be written.
     #[error("the disk is full or cannot be written: {0}")]
@@ -58,6 +59,12 @@ pub enum Error {
     /// The store was closed while the request waited.
     #[error("the store is closed")]
     Closed,
+    /// The database on the server has the rows of another data folder.
+    #[error(
+        "the database belongs to another data folder, which has the bytes that its rows name; name \
+         that folder, or another database"
+    )]
+    Elsewhere,
     /// The schema cannot be brought up to date.
     #[error("migrating the database: {0}")]
     Migration(Arc<sqlx::migrate::MigrateError>),
@@ -80,6 +87,7 @@ impl Error {
             Self::Closed => "draining",
             Self::SnapshotAtZero
             | Self::Inconsistent { .. }
+            | Self::Elsewhere
             | Self::Migration(_)
             | Self::Database(_) => "internal",
         }
@@ -107,8 +115,19 @@ impl From<sqlx::Error> for Error {
         const IOERR: i32 = 10;
         const FULL: i32 = 13;
         match &error {
-            sqlx::Error::PoolTimedOut => Self::Busy,
             sqlx::Error::PoolClosed | sqlx::Error::WorkerCrashed => Self::Closed,
+            // The connection to a server was lost, or cannot be made.
+            sqlx::Error::PoolTimedOut
+            | sqlx::Error::Io(_)
+            | sqlx::Error::Tls(_)
+            | sqlx::Error::Protocol(_) => Self::Busy,
+            sqlx::Error::Database(database)
+                if database.try_downcast_ref::<PgDatabaseError>().is_some() =>
+            {
+                let code = database.code().unwrap_or_default();
+                let detail = database.message().to_owned();
+                of_postgres(&code, detail).unwrap_or_else(|| Self::Database(Arc::new(error)))
+            }
             sqlx::Error::Database(database) => {
                 let code = database
                     .code()
@@ -122,6 +141,26 @@ impl From<sqlx::Error> for Error {
             }
             _ => Self::Database(Arc::new(error)),
         }
+    }
+}
+
+/// What a SQLSTATE means for whoever asked; none for a defect of ours.
+fn of_postgres(code: &str, detail: String) -> Option<Error> {
+    /// Classes and codes of what passes: connections, shut-downs and starts of the server, too many
+    /// clients, conflicts, locks, time-outs, and a server that only reads because another one took over.
+    const PASSES: [&str; 11] = [
+        "08", "57P01", "57P02", "57P03", "53300", "40001", "40P01", "55P03", "57014", "25006",
+        "25P03",
+    ];
+    match code {
+        "53100" => Some(Error::Full(detail)),
+        "23503" | "23514" => Some(Error::Inconsistent {
+            table: "the database",
+            column: "a constraint",
+            detail,
+        }),
+        code if PASSES.iter().any(|passes| code.starts_with(passes)) => Some(Error::Busy),
+        _ => None,
     }
 }
 

@@ -17,6 +17,9 @@
 //!   Write transactions start IMMEDIATE: a deferred one that reads and then writes fails at once
 //!   under contention, whatever the busy timeout. `synchronous=FULL`, because with NORMAL the last
 //!   commits can be lost with the power although they were answered.
+//! - **One transaction writes at a time on Postgres, too**, over all processes: it takes an advisory
+//!   lock first. So a statement means the same on both databases, and numbers of events and of the
+//!   audit trail are in the order of the commits.
 //! - **Group commit.** A durable commit costs a flush of the disk, some milliseconds. The writer
 //!   takes all requests that wait, runs each in its own savepoint, and commits them together; an
 //!   answer is given only after that commit.

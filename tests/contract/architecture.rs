@@ -189,8 +189,38 @@ const ROOMS: &[Room] = &[
         refused: &["crate::http::system"],
     },
     Room {
+        place: "src/jobs/store/sql",
+        refused: &[
+            "crate::jobs::store::content",
+            "crate::jobs::store::postgres",
+            "crate::jobs::store::records",
+            "crate::jobs::store::sqlite",
+        ],
+    },
+    Room {
         place: "src/jobs/store/sqlite",
-        refused: &["crate::jobs::store::content", "crate::jobs::store::records"],
+        refused: &[
+            "crate::jobs::store::content",
+            "crate::jobs::store::postgres",
+            "crate::jobs::store::records",
+        ],
+    },
+    Room {
+        place: "src/jobs/store/postgres",
+        refused: &[
+            "crate::jobs::store::content",
+            "crate::jobs::store::records",
+            "crate::jobs::store::sqlite",
+        ],
+    },
+    // The statements about rows know no database.
+    Room {
+        place: "src/jobs/store/records",
+        refused: &[
+            "crate::jobs::store::postgres",
+            "crate::jobs::store::sqlite",
+            "sqlx",
+        ],
     },
     Room {
         place: "src/jobs/store/content",

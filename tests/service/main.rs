@@ -11,6 +11,7 @@ mod full_disk;
 mod http;
 mod kind_jobs;
 mod medical_jobs;
+mod on_postgres;
 mod people;
 mod receiver;
 mod resumed;

@@ -8,6 +8,7 @@ use clap::{Args, Subcommand};
 
 use super::Failure;
 use super::files::Sink;
+use crate::config::DatabaseUrl;
 use crate::identity::Tenant;
 use crate::jobs::{AuditHead, AuditRow, Store, store};
 use export::Format;
@@ -28,6 +29,9 @@ pub(super) struct Arguments {
         default_value = "meshway-data"
     )]
     data_dir: PathBuf,
+    /// Postgres database of the service, as `serve --database` names it.
+    #[arg(long, global = true, env = "MESHWAY_DATABASE", hide_env_values = true)]
+    database: Option<DatabaseUrl>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -65,7 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let runtime = tokio::runtime::Runtime::new()
         .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
     runtime.block_on(async {
-        let store = open(&arguments.data_dir).await?;
+        let store = open(arguments).await?;
         let result = match &arguments.what {
             What::Verify { head } => verify(&store, head).await,
             What::Export { format, tenant } => export(&store, *format, tenant.as_ref()).await,
@@ -75,8 +79,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     })
 }
 
-async fn open(folder: &Path) -> Result<Store, Failure> {
+async fn open(arguments: &Arguments) -> Result<Store, Failure> {
+    let folder = arguments.data_dir.as_path();
     let failed = |error| Failure::input(folder, error);
+    if let Some(database) = &arguments.database {
+        let options = store::Options {
+            database: Some(database.secret().to_owned()),
+            ..store::Options::default()
+        };
+        let opened = Store::open(folder, options).await;
+        return opened.map_err(|error| Failure::Output(format!("--database {database}: {error}")));
+    }
     if !store::is_ours(folder).await.map_err(failed)? {
         let detail = "no service has worked in this folder; name the one of `serve --data-dir`";
         return Err(Failure::input(folder, detail));

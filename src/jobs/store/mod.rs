@@ -1,12 +1,15 @@
 //! The one place with SQL: clouds, jobs, leases, events, metrics, meshes, kept answers.
 //!
-//! A [`Store`] is one process's hold on the database `meshway.db` of a data folder: one connection
-//! that writes, in a task of its own, and four that read. Readers hold no transaction from one call
-//! to the next, so the write-ahead log can always be checkpointed. Beside it, `content.db` has the
-//! bytes of meshes, models and checkpoints. Both databases give the space of erased rows back to the
-//! file system.
+//! A [`Store`] is one process's hold on a database, which is `meshway.db` of a data folder or one of a
+//! Postgres server: one connection that writes, in a task of its own, and four that read. Readers hold
+//! no transaction from one call to the next, so the write-ahead log can always be checkpointed. Beside
+//! it, `content.db` has the bytes of meshes, models and checkpoints. The databases of the folder give
+//! the space of erased rows back to the file system.
 //!
-//! - `sqlite`: how the databases are opened, migrated, written and cleaned;
+//! - `sql`: one text of SQL for both kinds of databases;
+//! - `writer`: the task that writes, in groups;
+//! - `sqlite`: how the databases of the folder are opened, migrated, written and cleaned;
+//! - `postgres`: the same for the rows on a server, and how its clients hear of each other;
 //! - `content`: large content, and the rule that keeps rows and bytes together;
 //! - `records`: the rows, one file a noun.
 //!
@@ -21,17 +24,21 @@
 )]
 
 mod content;
+mod engine;
 mod names;
+mod postgres;
 mod records;
+mod sql;
 mod sqlite;
+mod writer;
 
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use futures_util::future::BoxFuture;
-use sqlx::sqlite::{SqlitePool, SqlitePoolOptions};
-use tokio::sync::{Mutex, watch};
+use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
+use tokio::sync::{Mutex, Notify, watch};
 
 pub use content::ballast::BALLAST_FILE;
 pub use content::objects::CHUNK_BYTES;
@@ -50,8 +57,12 @@ use content::ballast::Ballast;
 use content::graves::{Burial, Undertaker};
 use content::lift;
 use content::objects::Objects;
+use engine::{Engine, Transaction, Writer};
+use postgres::notice::Notices;
+use postgres::{ServerClock, Session};
+use sql::Readers;
 use sqlite::shredder::Shredder;
-use sqlite::writer::{Transaction, Writer};
+use sqlite::writer::ready;
 use sqlite::{MIGRATIONS, OPENING, connect_options, migrated, writing};
 
 /// File of the database in the data folder.
@@ -80,8 +91,18 @@ pub struct Options {
     pub process: String,
     /// Bytes of the disk that are set aside for erasing on a full one.
     pub ballast_bytes: u64,
-    /// The time, in milliseconds since the epoch.
-    pub clock: Clock,
+    /// The time, in milliseconds since the epoch; none: that of the database, which for `SQLite` is
+    /// that of the machine.
+    pub clock: Option<Clock>,
+    /// Address of a Postgres database for the rows, with its password where that is not in the
+    /// environment; none: `SQLite` in the data folder.
+    pub database: Option<String>,
+}
+
+impl Options {
+    fn now(&self) -> i64 {
+        self.clock.as_ref().map_or_else(clock::now, |clock| clock())
+    }
 }
 
 impl Default for Options {
@@ -95,10 +116,38 @@ impl Default for Options {
             busy_timeout: Duration::from_secs(5),
             process: String::new(),
             ballast_bytes: 0,
-            clock: Arc::new(clock::now),
+            clock: None,
+            database: None,
         }
     }
 }
+
+/// How long claims on jobs last, and how long a worker waits for the database: a server may be away
+/// for some seconds to start again, or for another one to take its place.
+#[derive(Debug, Clone, Copy)]
+pub struct Terms {
+    /// How long a job is held without a renewal, in milliseconds.
+    pub lease_ms: i64,
+    /// Time between two renewals; also the longest time until a cancellation is heard. At least three may
+    /// be lost.
+    pub renewal: Duration,
+    /// How often a worker asks, with half a second between, before it gives a job up.
+    pub tries: u32,
+}
+
+/// On `SQLite`, where only a stopped process or a full disk is in the way.
+const LOCAL: Terms = Terms {
+    lease_ms: 6_000,
+    renewal: Duration::from_millis(1_500),
+    tries: 20,
+};
+
+/// With a server.
+const REMOTE: Terms = Terms {
+    lease_ms: 30_000,
+    renewal: Duration::from_secs(5),
+    tries: 240,
+};
 
 /// What is done in a transaction.
 type Work<T> = Box<dyn for<'c> FnOnce(Transaction<'c>) -> BoxFuture<'c, Result<T>> + Send>;
@@ -111,7 +160,8 @@ pub struct Store {
 
 struct Inner {
     writer: Arc<Writer>,
-    readers: SqlitePool,
+    readers: Readers,
+    notices: Option<Notices>,
     objects: Arc<Objects>,
     burial: Arc<Burial>,
     undertaker: Undertaker,
@@ -119,20 +169,43 @@ struct Inner {
     options: Arc<Options>,
 }
 
+/// The open database of the rows.
+struct Rows {
+    engine: Engine,
+    readers: Readers,
+    notices: Option<Notices>,
+    /// The databases of the folder whose write-ahead logs are emptied.
+    logs: Vec<SqliteConnectOptions>,
+}
+
 impl Store {
-    /// Opens the database of a data folder that exists, creating and migrating it as needed. Needs
-    /// a tokio runtime, in which the writing task lives.
+    /// Opens the database of a data folder that exists, creating and migrating it as needed, or the one
+    /// of a server. Needs a tokio runtime, in which the writing task lives.
     ///
     /// # Errors
-    /// `Busy` where other processes still migrate after several times the busy timeout; `Migration` if the file is of a later version;
-    /// `Full` if content from before cannot be moved; `Database` if it is none of ours or cannot be opened.
+    /// `Busy` where other processes still migrate after several times the busy timeout; `Migration` if the database is of a later version;
+    /// `Full` if content from before cannot be moved; `Database` if it is none of ours or cannot be opened;
+    /// `Elsewhere` if another data folder belongs to the database of the server.
     pub async fn open(data_dir: &Path, options: Options) -> Result<Self> {
+        let (changed, _) = watch::channel(0);
+        match options.database.clone() {
+            None => Self::open_sqlite(data_dir, options, changed).await,
+            Some(url) => Self::open_postgres(&url, data_dir, options, changed).await,
+        }
+    }
+
+    async fn open_sqlite(
+        data_dir: &Path,
+        options: Options,
+        changed: watch::Sender<u64>,
+    ) -> Result<Self> {
         let options = Arc::new(options);
         let connect = connect_options(&data_dir.join(DATABASE_FILE), &options);
         let patience = OPENING * options.busy_timeout;
         let mut db = migrated(&writing(&connect), &MIGRATIONS, patience).await?;
         let objects = Arc::new(Objects::open(data_dir, &options).await?);
         lift::lift(&mut db, &objects).await?;
+        ready(&mut db).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             .acquire_timeout(options.busy_timeout)
@@ -140,28 +213,72 @@ impl Store {
             .max_lifetime(None)
             .connect_with(connect.clone().read_only(true))
             .await?;
-        let (changed, _) = watch::channel(0);
-        let writer = Writer::start(db, Arc::clone(&options), changed.clone());
+        let rows = Rows {
+            engine: Engine::Sqlite(db),
+            readers: Readers::Sqlite(readers),
+            notices: None,
+            logs: vec![connect, Objects::connect(data_dir, &options)],
+        };
+        Ok(Self::over(rows, objects, data_dir, options, changed))
+    }
+
+    async fn open_postgres(
+        url: &str,
+        data_dir: &Path,
+        mut options: Options,
+        changed: watch::Sender<u64>,
+    ) -> Result<Self> {
+        let clock = ServerClock::default();
+        let committed = Arc::new(Notify::new());
+        let connect = postgres::connect_options(url)?;
+        let session =
+            Session::open(&connect, data_dir, clock.clone(), Arc::clone(&committed)).await?;
+        options
+            .clock
+            .get_or_insert_with(|| Arc::new(move || clock.now()));
+        let options = Arc::new(options);
+        let objects = Arc::new(Objects::open(data_dir, &options).await?);
+        let pool = postgres::readers(&connect, &options);
+        let notices = Notices::start(&connect, pool.clone(), committed, &changed);
+        let rows = Rows {
+            engine: Engine::Postgres(Box::new(session)),
+            readers: Readers::Postgres(pool),
+            notices: Some(notices),
+            logs: vec![Objects::connect(data_dir, &options)],
+        };
+        Ok(Self::over(rows, objects, data_dir, options, changed))
+    }
+
+    /// A store over open databases.
+    fn over(
+        rows: Rows,
+        objects: Arc<Objects>,
+        data_dir: &Path,
+        options: Arc<Options>,
+        changed: watch::Sender<u64>,
+    ) -> Self {
+        let writer = Writer::start(rows.engine, Arc::clone(&options), changed.clone());
         let writer = Arc::new(writer);
         let burial = Arc::new(Burial {
             writer: Arc::clone(&writer),
-            readers: readers.clone(),
+            readers: rows.readers.clone(),
             objects: Arc::clone(&objects),
             ballast: Ballast::new(data_dir, options.ballast_bytes),
-            logs: [connect, Objects::connect(data_dir, &options)].map(Shredder::start),
+            logs: rows.logs.into_iter().map(Shredder::start).collect(),
             turn: Mutex::default(),
         });
-        Ok(Self {
+        Self {
             inner: Arc::new(Inner {
                 undertaker: Undertaker::start(Arc::clone(&burial), changed.subscribe()),
                 writer,
-                readers,
+                readers: rows.readers,
+                notices: rows.notices,
                 objects,
                 burial,
                 changed,
                 options,
             }),
-        })
+        }
     }
 
     /// The records of a tenant, to be read. There is no other way to a record by its id.
@@ -177,6 +294,7 @@ impl Store {
     /// Finishes the writes that wait and closes all connections; later calls get `Closed`.
     pub async fn close(&self) {
         self.inner.undertaker.stop();
+        self.inner.notices.iter().for_each(Notices::stop);
         self.inner.burial.logs.iter().for_each(Shredder::stop);
         self.inner.objects.close().await;
         self.inner.readers.close().await;
@@ -199,9 +317,17 @@ impl Store {
         self.inner.burial.logs.iter().for_each(Shredder::wake);
     }
 
+    /// How long claims last here.
+    pub fn terms(&self) -> Terms {
+        match self.inner.readers {
+            Readers::Sqlite(_) => LOCAL,
+            Readers::Postgres(_) => REMOTE,
+        }
+    }
+
     /// The store's time, in milliseconds since the epoch.
     pub fn now(&self) -> i64 {
-        (self.inner.options.clock)()
+        self.inner.options.now()
     }
 
     /// Proves that the database can be written: takes the write lock and commits nothing.
@@ -232,7 +358,7 @@ impl Store {
         }
     }
 
-    fn readers(&self) -> &SqlitePool {
+    fn readers(&self) -> &Readers {
         &self.inner.readers
     }
 }

@@ -6,8 +6,8 @@
 
 use super::Store;
 use super::content::objects::Objects;
+use super::sql::Readers;
 use crate::identity::{Caller, Tenant};
-use sqlx::sqlite::SqlitePool;
 
 /// The records of a tenant.
 #[derive(Clone, Copy)]
@@ -21,7 +21,7 @@ impl<'s> Records<'s> {
         Self { store, tenant }
     }
 
-    pub(in crate::jobs::store) fn readers(self) -> &'s SqlitePool {
+    pub(in crate::jobs::store) fn readers(self) -> &'s Readers {
         self.store.readers()
     }
 

@@ -48,7 +48,7 @@ impl Child {
         let orders = format!("{}\n", options.orders);
         stdin.write_all(orders.as_bytes()).await?;
         Ok(Self {
-            name: worker_name(slot, pid),
+            name: worker_name(slot, pid, &options.node),
             process,
             stdin: Some(stdin),
             stdout: BufReader::new(stdout).lines(),

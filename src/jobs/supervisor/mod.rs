@@ -52,6 +52,8 @@ pub struct Options {
     pub arguments: Vec<OsString>,
     /// The first line on its standard input.
     pub orders: String,
+    /// Name of this start of the service; empty where no other one shares its database.
+    pub node: String,
     /// Number of worker processes.
     pub workers: u16,
     /// Most resident bytes of a worker; none: no limit.
@@ -207,11 +209,17 @@ impl Supervisor {
         while changed.changed().await.is_ok() {
             changed.mark_unchanged();
             let waits = matches!(self.store.oldest_queued().await, Ok(Some(_)));
-            if waits || self.running().await.iter().any(|job| job.cancel_requested) {
+            if waits || self.cancels().await {
                 self.ring.send_modify(|rings| *rings += 1);
             }
             tokio::time::sleep(RING_PAUSE).await;
         }
+    }
+
+    /// Whether a running job is to be cancelled.
+    async fn cancels(&self) -> bool {
+        let running = self.running().await.unwrap_or_default();
+        running.iter().any(|job| job.cancel_requested)
     }
 
     fn living(&self) -> std::sync::MutexGuard<'_, BTreeMap<String, Living>> {

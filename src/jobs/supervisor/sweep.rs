@@ -4,12 +4,11 @@ use std::collections::BTreeSet;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use tokio::time::MissedTickBehavior;
+use tokio::time::{Instant, MissedTickBehavior};
 
 use super::Supervisor;
 use super::pulse::Pulse;
 use crate::jobs::Job;
-use crate::jobs::worker::LEASE_MS;
 
 const INTERVAL: Duration = Duration::from_secs(1);
 /// More than the running jobs there can be: at most 256 workers, and as many of an earlier server.
@@ -21,13 +20,17 @@ impl Supervisor {
     pub(super) async fn sweep(&self) {
         let mut interval = tokio::time::interval(INTERVAL);
         interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut away: Option<Instant> = None;
         loop {
             interval.tick().await;
-            if let Err(error) = self.store.cut_leases(LEASE_MS).await {
+            if let Err(error) = self.store.cut_leases(self.store.terms().lease_ms).await {
                 tracing::warn!(error.message = %error, "leases far ahead were not cut");
             }
-            let running = self.running().await;
             let (alive, silent) = self.look();
+            let Some(running) = self.running().await else {
+                away = Some(Instant::now());
+                continue;
+            };
             let now = self.store.now();
             for job in &running {
                 let expired = job.lease_until.is_some_and(|until| until < now);
@@ -39,6 +42,11 @@ impl Supervisor {
                 {
                     self.condemn(job);
                 }
+            }
+            // After an outage those who live renew first: nobody's lease says anything before.
+            let lease = Duration::from_millis(self.store.terms().lease_ms.unsigned_abs());
+            if away.is_some_and(|since| since.elapsed() < lease) {
+                continue;
             }
             match self.store.reap_expired(alive).await {
                 Ok(reaped) => {
@@ -65,12 +73,13 @@ impl Supervisor {
     }
 
     /// The running jobs; none when the database does not answer.
-    pub(super) async fn running(&self) -> Vec<Job> {
+    pub(super) async fn running(&self) -> Option<Vec<Job>> {
         let found = self.store.running_jobs(RUNNING_AT_MOST).await;
-        found.unwrap_or_else(|error| {
-            tracing::warn!(error.message = %error, "running jobs were not looked at");
-            Vec::new()
-        })
+        found
+            .inspect_err(|error| {
+                tracing::warn!(error.message = %error, "running jobs were not looked at");
+            })
+            .ok()
     }
 
     fn condemn(&self, job: &Job) {

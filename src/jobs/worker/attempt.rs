@@ -15,7 +15,9 @@ use super::sink::{Message, Sink};
 use super::work::{Assignment, Failure, encode};
 use super::{End, Worker, lease};
 use crate::folder::CLOUDS;
-use crate::jobs::{Claim, Error, FailureReason, Lookup, NewMesh, Problem, Record, Result, Success};
+use crate::jobs::{
+    Claim, Error, FailureReason, Lookup, NewMesh, Problem, Record, Result, Store, Success,
+};
 use crate::reconstruction::in_pool;
 
 /// How long a computation that nobody wants any more may take to stop: two seconds are promised to who
@@ -25,9 +27,7 @@ const LEFT_AFTER: Duration = Duration::from_millis(1_500);
 const FLUSH: Duration = Duration::from_millis(250);
 /// Messages that may wait between the thread and the async side.
 const CHANNEL: usize = 256;
-/// Tries of a write that another process or a full disk delays.
-const TRIES: u32 = 20;
-/// Pause between two tries.
+/// Pause between two tries of what another process, a full disk or a server that is away delays.
 const PAUSE: Duration = Duration::from_millis(500);
 
 /// The result of the thread.
@@ -92,15 +92,11 @@ impl<'a> Attempt<'a> {
         let job = &self.claim.job;
         let store = &self.worker.store;
         let records = store.of(&job.tenant);
-        let cloud = records
-            .cloud(&job.cloud_id)
-            .await
-            .map_err(Failure::internal)?;
+        let cloud = insist(store, || records.cloud(&job.cloud_id)).await;
+        let cloud = cloud.map_err(Failure::internal)?;
         let cloud = cloud.ok_or_else(|| Failure::internal("the cloud is not there"))?;
-        let checkpoint = records
-            .checkpoint(&job.id)
-            .await
-            .map_err(Failure::internal)?;
+        let checkpoint = insist(store, || records.checkpoint(&job.id)).await;
+        let checkpoint = checkpoint.map_err(Failure::internal)?;
         let assignment = Assignment {
             file: self.worker.data_dir.join(CLOUDS).join(&cloud.sha256),
             cloud,
@@ -196,18 +192,16 @@ impl<'a> Attempt<'a> {
             Message::Warning(warning) => self.pending.warning(&warning),
             Message::Snapshot { evaluation, mesh } => {
                 let put = || store.put_snapshot(claim, evaluation, mesh.clone());
-                let result = insist(put).await;
+                let result = insist(store, put).await;
                 self.written(result);
             }
             Message::Checkpoint { evaluation, data } => {
                 // The rows up to the checkpoint first: an attempt that continues from it keeps them.
                 self.flush().await;
                 let data = Bytes::from(data);
-                let put = || {
-                    let (store, claim) = (&self.worker.store, &self.claim);
-                    store.put_checkpoint(claim, evaluation, data.clone())
-                };
-                let result = insist(put).await;
+                let (store, claim) = (&self.worker.store, &self.claim);
+                let put = || store.put_checkpoint(claim, evaluation, data.clone());
+                let result = insist(store, put).await;
                 self.written(result);
             }
         }
@@ -218,7 +212,7 @@ impl<'a> Attempt<'a> {
             return;
         };
         let (store, claim) = (&self.worker.store, &self.claim);
-        let result = insist(|| store.record(claim, record.clone())).await;
+        let result = insist(store, || store.record(claim, record.clone())).await;
         self.written(result);
     }
 
@@ -248,7 +242,7 @@ impl<'a> Attempt<'a> {
             (Err(failure), stop) => {
                 if last != Record::default() {
                     let (store, claim) = (&self.worker.store, &self.claim);
-                    let result = insist(|| store.record(claim, last.clone())).await;
+                    let result = insist(store, || store.record(claim, last.clone())).await;
                     self.written(result);
                 }
                 self.end(failure, stop).await
@@ -283,27 +277,32 @@ impl<'a> Attempt<'a> {
             last,
         };
         let (store, claim) = (&self.worker.store, &self.claim);
-        insist(|| store.succeed(claim, success.clone())).await
+        insist(store, || store.succeed(claim, success.clone())).await
     }
 
     async fn end(&self, failure: Failure, stop: Option<Stop>) -> Result<()> {
         let (store, claim) = (&self.worker.store, &self.claim);
         let failed = |reason: FailureReason| async move {
             let id = claim.job_id();
-            let job = insist(|| store.attempt_failed(id, claim.attempt, reason.clone())).await?;
+            let job = insist(store, || {
+                store.attempt_failed(id, claim.attempt, reason.clone())
+            })
+            .await?;
             tracing::warn!(job = %id, ?reason, failures = job.failures, "an attempt failed");
             Ok(())
         };
         match (failure, stop) {
-            (_, Some(Stop::Cancel)) => insist(|| store.cancelled(claim)).await,
+            (_, Some(Stop::Cancel)) => insist(store, || store.cancelled(claim)).await,
             (_, Some(Stop::TimeLimit)) => {
                 let seconds = self.worker.options.time_limit.as_secs();
                 let detail = format!("the job took longer than {seconds} seconds");
                 let problem = Problem::new("time_limit", detail);
-                insist(|| store.fail(claim, problem.clone())).await
+                insist(store, || store.fail(claim, problem.clone())).await
             }
-            (Failure::Stopped, Some(Stop::Release)) => insist(|| store.release(claim)).await,
-            (Failure::Final(problem), _) => insist(|| store.fail(claim, problem.clone())).await,
+            (Failure::Stopped, Some(Stop::Release)) => insist(store, || store.release(claim)).await,
+            (Failure::Final(problem), _) => {
+                insist(store, || store.fail(claim, problem.clone())).await
+            }
             (Failure::Transient(reason), _) => failed(reason).await,
             (Failure::Stopped, _) => {
                 failed(FailureReason::Internal {
@@ -315,16 +314,17 @@ impl<'a> Attempt<'a> {
     }
 }
 
-/// Repeats a write while another process or a full disk delays it.
-async fn insist<T, F>(write: impl Fn() -> F) -> Result<T>
+/// Repeats what another process, a full disk or a server that is away delays, as long as the store's
+/// terms allow.
+async fn insist<T, F>(store: &Store, ask: impl Fn() -> F) -> Result<T>
 where
     F: Future<Output = Result<T>>,
 {
     let mut tries = 1;
     loop {
-        match write().await {
-            Err(error @ (Error::Busy | Error::Full(_))) if tries < TRIES => {
-                tracing::warn!(tries, error.message = %error, "a write is tried again");
+        match ask().await {
+            Err(error @ (Error::Busy | Error::Full(_))) if tries < store.terms().tries => {
+                tracing::warn!(tries, error.message = %error, "the database is asked again");
                 tries += 1;
                 tokio::time::sleep(PAUSE).await;
             }

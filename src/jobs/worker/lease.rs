@@ -1,18 +1,13 @@
 //! Holding a job: renewals, and hearing that a client wants it to end.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use tokio::sync::watch;
 use tokio::time::MissedTickBehavior;
 
 use super::control::{Control, Stop};
 use crate::jobs::{Claim, Lease, Lookup, Status, Store};
-
-/// How long a job is held without a renewal, in milliseconds. Three renewals may be lost.
-pub const LEASE_MS: i64 = 6_000;
-/// Time between two renewals; also the longest time until a cancellation is heard.
-const RENEWAL: Duration = Duration::from_millis(1_500);
 
 /// Renews until the job is lost or the task is dropped.
 pub(super) async fn hold(
@@ -21,7 +16,8 @@ pub(super) async fn hold(
     control: Arc<Control>,
     mut wake: watch::Receiver<u64>,
 ) {
-    let mut renewal = tokio::time::interval(RENEWAL);
+    let terms = store.terms();
+    let mut renewal = tokio::time::interval(terms.renewal);
     renewal.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut awake = true;
     let begun = Instant::now();
@@ -35,7 +31,7 @@ pub(super) async fn hold(
         };
         let lease = if due {
             store
-                .renew(&claim, LEASE_MS, claim.worked + begun.elapsed())
+                .renew(&claim, terms.lease_ms, claim.worked + begun.elapsed())
                 .await
         } else {
             // Only a read, because wake-ups come for other jobs too.

@@ -19,15 +19,18 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
+use uuid::Uuid;
 
 use super::{JobId, Result, Store};
 use attempt::Attempt;
 
-pub use lease::LEASE_MS;
 pub use work::{Assignment, Failure, Product, Work, reconstruction};
 
 /// Pause between two looks at an empty queue; what a lost wake-up costs.
 const POLL: Duration = Duration::from_secs(1);
+
+/// Hexadecimal digits of the name of a node.
+const NODE_DIGITS: usize = 10;
 
 /// Line that a worker process writes to its standard output every second.
 pub const SIGN_OF_LIFE: &str = "A";
@@ -59,9 +62,19 @@ pub struct Signals {
     pub committed: Box<dyn Fn(&JobId) + Send + Sync>,
 }
 
-/// The name of the worker process of a slot: no two processes have the same at one time.
-pub fn worker_name(slot: u16, pid: u32) -> String {
-    format!("worker-{slot}-{pid}")
+/// The name of the worker process of a slot: no two processes have the same at one time. On machines that
+/// share a database the same slot and number can be of two processes; the node tells them apart, and is
+/// empty where there is one machine only.
+pub fn worker_name(slot: u16, pid: u32, node: &str) -> String {
+    let dash = if node.is_empty() { "" } else { "-" };
+    format!("worker-{slot}-{pid}{dash}{node}")
+}
+
+/// A name for this start of a service, which no other start of any has.
+pub fn new_node() -> String {
+    let uuid = Uuid::now_v7().simple().to_string();
+    // Its second half is by chance.
+    uuid[uuid.len() - NODE_DIGITS..].to_owned()
 }
 
 /// The slot of the worker of this name.
@@ -105,7 +118,11 @@ impl Worker {
         while !self.signals.stopping.is_cancelled() {
             // What comes after this look wakes the wait below.
             wake.mark_unchanged();
-            match self.store.claim(&self.name, LEASE_MS).await {
+            match self
+                .store
+                .claim(&self.name, self.store.terms().lease_ms)
+                .await
+            {
                 Ok(Some(claim)) => {
                     if Attempt::new(self, claim).run().await == End::Hung {
                         return Ok(End::Hung);
@@ -132,7 +149,10 @@ mod tests {
 
     #[test]
     fn a_name_tells_its_slot() {
-        assert_eq!(slot_of(&worker_name(3, 6_944)), Some(3));
+        assert_eq!(worker_name(3, 6_944, ""), "worker-3-6944");
+        for node in ["", &new_node()] {
+            assert_eq!(slot_of(&worker_name(3, 6_944, node)), Some(3));
+        }
         assert_eq!(slot_of("another"), None);
     }
 }

@@ -35,7 +35,7 @@ async fn standing(now: i64) -> (Service, Arc<AtomicI64>) {
     let clock = Arc::new(AtomicI64::new(now));
     let seen = Arc::clone(&clock);
     let options = Options {
-        clock: Arc::new(move || seen.load(Ordering::SeqCst)),
+        clock: Some(Arc::new(move || seen.load(Ordering::SeqCst))),
         ..Options::default()
     };
     (Service::over(&[], options).await, clock)
@@ -174,7 +174,7 @@ async fn seconds_of_workers_are_counted_by_days_and_over_restarts_and_erasures()
     // Another process reads the same.
     let seen = Arc::clone(&clock);
     let options = Options {
-        clock: Arc::new(move || seen.load(Ordering::SeqCst)),
+        clock: Some(Arc::new(move || seen.load(Ordering::SeqCst))),
         ..Options::default()
     };
     let again = Store::open(service.dir.path(), options).await.unwrap();

@@ -20,7 +20,7 @@ async fn service() -> (Service, Arc<AtomicI64>) {
     let clock = Arc::new(AtomicI64::new(1_000_000));
     let seen = Arc::clone(&clock);
     let options = Options {
-        clock: Arc::new(move || seen.load(Ordering::SeqCst)),
+        clock: Some(Arc::new(move || seen.load(Ordering::SeqCst))),
         ..Options::default()
     };
     let service = Service::over(&[], options).await;

@@ -30,7 +30,7 @@ impl Timed {
         let now = Arc::new(AtomicI64::new(1_000_000_000_000));
         let clock = Arc::clone(&now);
         let options = Options {
-            clock: Arc::new(move || clock.load(Ordering::Relaxed)),
+            clock: Some(Arc::new(move || clock.load(Ordering::Relaxed))),
             ..Options::default()
         };
         let service = Service::over(flags, options).await;

@@ -71,7 +71,7 @@ async fn uploads_end_after_a_time_without_bytes_and_leave_nothing() {
     let now = Arc::new(AtomicI64::new(1_000_000_000_000));
     let clock = Arc::clone(&now);
     let options = Options {
-        clock: Arc::new(move || clock.load(Ordering::Relaxed)),
+        clock: Some(Arc::new(move || clock.load(Ordering::Relaxed))),
         ..Options::default()
     };
     let service = Service::over(&["--upload-keep-hours=2"], options).await;

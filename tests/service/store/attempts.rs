@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use meshway::jobs::{EventKind, FailureReason};
 
-use crate::store::support::{Bench, LEASE_MS, success};
+use super::support::{Bench, LEASE_MS, success};
 
 #[tokio::test]
 async fn an_attempt_tells_why_the_one_before_it_ended() {

@@ -6,7 +6,7 @@ use meshway::reconstruction::Warning;
 use meshway::reconstruction::training::{GradientHistogram, LayerHistogram, Metrics};
 
 use crate::server::{PATIENCE, until};
-use crate::store::support::{Bench, success};
+use super::support::{Bench, success};
 
 fn metrics(evaluation: u64) -> Metrics {
     Metrics {

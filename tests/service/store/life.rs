@@ -8,7 +8,7 @@ use meshway::jobs::{
 };
 use serde_json::json;
 
-use crate::store::support::{Bench, LEASE_MS, success};
+use super::support::{Bench, LEASE_MS, success};
 
 fn crash() -> FailureReason {
     FailureReason::WorkerCrashed {

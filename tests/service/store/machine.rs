@@ -13,7 +13,7 @@ use meshway::reconstruction::Warning;
 use proptest::prelude::*;
 use proptest::test_runner::FileFailurePersistence;
 
-use crate::store::support::{Bench, LEASE_MS, success};
+use super::support::{Bench, LEASE_MS, success};
 use crate::who::{ours, us};
 
 #[derive(Debug, Clone)]

@@ -7,7 +7,7 @@ use meshway::jobs::store::{CHUNK_BYTES, CONTENT_FILE};
 use meshway::jobs::{Error, Lease, NewMesh};
 
 use crate::server::{PATIENCE, until};
-use crate::store::support::{Bench, LEASE_MS, success};
+use super::support::{Bench, LEASE_MS, success};
 
 /// Objects of the content, by their makers.
 async fn makers(bench: &Bench) -> Vec<String> {

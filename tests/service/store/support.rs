@@ -18,9 +18,11 @@ use meshway::reconstruction::space::Space;
 use meshway::reconstruction::vector::Bounds;
 use meshway::reconstruction::{Phase, Preset};
 use serde_json::json;
-use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{ConnectOptions, SqliteConnection};
+use sqlx::SqliteConnection;
 use tempfile::TempDir;
+
+use super::ENGINE;
+use crate::store::bare::{Bare, Engine, connect, new_database};
 
 /// Length of the leases of the tests, in milliseconds of the standing clock.
 pub(crate) const LEASE_MS: i64 = 6_000;
@@ -29,6 +31,7 @@ pub(crate) struct Bench {
     pub(crate) store: Store,
     pub(crate) cloud_id: CloudId,
     clock: Arc<AtomicI64>,
+    database: Option<String>,
     dir: TempDir,
 }
 
@@ -40,7 +43,11 @@ impl Bench {
     pub(crate) async fn with(change: impl FnOnce(&mut Options)) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let clock = Arc::new(AtomicI64::new(1_000_000));
-        let mut options = options(&clock);
+        let database = match ENGINE {
+            Engine::Sqlite => None,
+            Engine::Postgres => new_database().await,
+        };
+        let mut options = options(&clock, database.as_ref());
         change(&mut options);
         let store = Store::open(dir.path(), options).await.unwrap();
         let (cloud, created) = store.by(us()).insert_cloud(new_cloud("a")).await.unwrap();
@@ -49,6 +56,7 @@ impl Bench {
             store,
             cloud_id: cloud.id,
             clock,
+            database,
             dir,
         }
     }
@@ -69,28 +77,33 @@ impl Bench {
 
     /// Another process's hold on the same database.
     pub(crate) async fn second(&self) -> Store {
-        Store::open(self.path(), options(&self.clock))
-            .await
-            .unwrap()
+        Store::open(self.path(), self.options()).await.unwrap()
+    }
+
+    pub(crate) fn options(&self) -> Options {
+        options(&self.clock, self.database.as_ref())
     }
 
     /// A bare connection to the same database.
-    pub(crate) async fn connection(&self) -> SqliteConnection {
-        self.connect(DATABASE_FILE).await
+    pub(crate) async fn bare(&self) -> Bare {
+        match &self.database {
+            None => Bare::sqlite(&self.path().join(DATABASE_FILE)).await,
+            Some(url) => Bare::postgres(url).await,
+        }
+    }
+
+    /// What is said in the two kinds of SQL.
+    pub(crate) fn either<T>(&self, sqlite: T, postgres: T) -> T {
+        if self.database.is_none() {
+            sqlite
+        } else {
+            postgres
+        }
     }
 
     /// A bare connection to its content.
     pub(crate) async fn content(&self) -> SqliteConnection {
-        self.connect(CONTENT_FILE).await
-    }
-
-    async fn connect(&self, file: &str) -> SqliteConnection {
-        SqliteConnectOptions::new()
-            .filename(self.path().join(file))
-            .busy_timeout(Duration::from_secs(5))
-            .connect()
-            .await
-            .unwrap()
+        connect(&self.path().join(CONTENT_FILE)).await
     }
 
     pub(crate) fn pass(&self, milliseconds: i64) {
@@ -169,10 +182,11 @@ impl Bench {
     }
 }
 
-fn options(clock: &Arc<AtomicI64>) -> Options {
+fn options(clock: &Arc<AtomicI64>, database: Option<&String>) -> Options {
     let clock = Arc::clone(clock);
     Options {
-        clock: Arc::new(move || clock.load(Ordering::SeqCst)),
+        clock: Some(Arc::new(move || clock.load(Ordering::SeqCst))),
+        database: database.cloned(),
         ..Options::default()
     }
 }

@@ -8,7 +8,7 @@ use serde_json::json;
 use sqlx::Connection;
 
 use crate::store::migrations::{NINTH, database};
-use crate::store::support::{Bench, new_cloud};
+use super::support::{Bench, new_cloud};
 use crate::who::{ours, us};
 
 fn stranger() -> Caller {

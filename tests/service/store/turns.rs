@@ -10,7 +10,7 @@ use serde_json::json;
 use sqlx::Connection;
 
 use crate::store::migrations::{TENTH, database};
-use crate::store::support::{Bench, LEASE_MS, new_cloud};
+use super::support::{Bench, LEASE_MS, new_cloud};
 use crate::who::ours;
 
 fn of(tenant: &str) -> Caller {
@@ -210,13 +210,8 @@ async fn worked_time_is_counted_once_for_whom_it_was_done() {
     drop(bench.store.renew(&claim, LEASE_MS, Duration::ZERO).await);
     bench.store.cancelled(&second).await.unwrap();
     bench.store.by(&of("a")).delete_job(&job.id).await.unwrap();
-    let mut db = bench.connection().await;
-    let rows: Vec<(String, String, i64)> =
-        sqlx::query_as("SELECT tenant, account, ms FROM compute")
-            .fetch_all(&mut db)
-            .await
-            .unwrap();
-    assert_eq!(rows, [("a".to_owned(), String::new(), 7_500)]);
+    let rows = "SELECT tenant || '/' || account || '/' || ms FROM compute";
+    assert_eq!(bench.bare().await.texts(rows).await, ["a//7500"]);
 }
 
 #[tokio::test]

@@ -3,10 +3,9 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use meshway::jobs::{Error, JobFilter, Lookup, Options, Status, Store};
-use sqlx::Row;
+use meshway::jobs::{Error, JobFilter, Lookup, Status};
 
-use crate::store::support::{Bench, LEASE_MS, new_cloud, success};
+use super::support::{Bench, LEASE_MS};
 use crate::who::ours;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
@@ -79,74 +78,12 @@ async fn one_refused_request_does_not_touch_the_others_of_its_group() {
 #[tokio::test]
 async fn an_answer_means_that_another_connection_sees_the_job() {
     let bench = Bench::new().await;
-    let mut db = bench.connection().await;
+    let mut db = bench.bare().await;
     for _ in 0..20 {
         let job = bench.submit().await;
-        let found: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE id = ?1")
-            .bind(job.id.as_str())
-            .fetch_one(&mut db)
-            .await
-            .unwrap();
-        assert_eq!(found, 1);
+        let found = format!("SELECT COUNT(*) FROM jobs WHERE id = '{}'", job.id);
+        assert_eq!(db.number(&found).await, 1);
     }
-}
-
-#[tokio::test]
-async fn a_locked_database_is_busy_after_a_while_and_recovers() {
-    let bench = Bench::with(|options| options.busy_timeout = Duration::from_secs(2)).await;
-    let job = bench.submit().await;
-    let mut other = bench.connection().await;
-    sqlx::query("BEGIN IMMEDIATE")
-        .execute(&mut other)
-        .await
-        .unwrap();
-    let refused = bench.acts().submit(bench.new_job(), None).await;
-    assert!(matches!(refused, Err(Error::Busy)), "{refused:?}");
-    assert!(matches!(
-        bench.store.check_writable().await,
-        Err(Error::Busy)
-    ));
-    assert!(bench.store.claim("w", LEASE_MS).await.is_err());
-    assert_eq!(bench.job(&job.id).await, job, "reading goes on");
-    sqlx::query("ROLLBACK").execute(&mut other).await.unwrap();
-    bench.store.check_writable().await.unwrap();
-    assert_eq!(bench.claim().await.job.id, job.id);
-}
-
-#[tokio::test]
-async fn a_full_database_refuses_writes_whole_and_recovers() {
-    let bench = Bench::new().await;
-    let id = bench.submit().await.id;
-    let claim = bench.claim().await;
-    let mut large = success();
-    large.mesh = meshway::jobs::NewMesh::new(1, 1, vec![1; 4 << 20]);
-    // A trigger stands in for a full disk: it refuses the second chunk of a mesh.
-    let mut db = bench.content().await;
-    sqlx::query(
-        "CREATE TRIGGER refuse BEFORE INSERT ON chunks WHEN NEW.position = 1
-         BEGIN SELECT RAISE(ROLLBACK, 'no room'); END",
-    )
-    .execute(&mut db)
-    .await
-    .unwrap();
-    let (refused, other) = futures_util::join!(
-        bench.store.succeed(&claim, large.clone()),
-        bench.acts().insert_cloud(new_cloud("b"))
-    );
-    assert!(refused.is_err());
-    // RAISE(ROLLBACK) ends the transaction as a full disk does: the group fails as one, or the
-    // other request was in another group; never is there an answer without a row.
-    let there = bench.records().cloud_by_sha256("b").await.unwrap();
-    assert_eq!(other.is_ok(), there.is_some());
-    assert_eq!(bench.job(&id).await, claim.job);
-    assert_eq!(bench.records().mesh_info(&id, 0).await.unwrap(), None);
-    assert_eq!(bench.records().model(&id).await.unwrap(), None);
-    sqlx::query("DROP TRIGGER refuse")
-        .execute(&mut db)
-        .await
-        .unwrap();
-    bench.store.succeed(&claim, large).await.unwrap();
-    assert_eq!(bench.job(&id).await.status, Status::Succeeded);
 }
 
 #[tokio::test]
@@ -196,29 +133,6 @@ async fn a_caller_that_goes_away_leaves_all_or_nothing() {
 }
 
 #[tokio::test]
-async fn processes_that_open_a_new_folder_together_agree() {
-    let dir = tempfile::tempdir().unwrap();
-    let opened =
-        futures_util::future::join_all((0..6).map(|_| Store::open(dir.path(), Options::default())))
-            .await;
-    for store in opened {
-        store.unwrap().check_writable().await.unwrap();
-    }
-}
-
-#[tokio::test]
-async fn a_folder_that_is_not_there_is_an_error() {
-    let dir = tempfile::tempdir().unwrap();
-    assert!(
-        Store::open(&dir.path().join("none"), Options::default())
-            .await
-            .is_err()
-    );
-    std::fs::write(dir.path().join("meshway.db"), [b'x'; 4096]).unwrap();
-    assert!(Store::open(dir.path(), Options::default()).await.is_err());
-}
-
-#[tokio::test]
 async fn a_change_wakes_who_subscribed_before_reading() {
     let bench = Bench::new().await;
     let mut changed = bench.store.changed();
@@ -227,20 +141,4 @@ async fn a_change_wakes_who_subscribed_before_reading() {
     changed.borrow_and_update();
     bench.store.wake();
     changed.changed().await.unwrap();
-}
-
-#[tokio::test]
-async fn the_database_is_durable_by_its_settings() {
-    let bench = Bench::new().await;
-    let mut db = bench.connection().await;
-    let mode = sqlx::query("PRAGMA journal_mode")
-        .fetch_one(&mut db)
-        .await
-        .unwrap();
-    assert_eq!(mode.get::<String, _>(0), "wal");
-    let check = sqlx::query("PRAGMA integrity_check")
-        .fetch_one(&mut db)
-        .await
-        .unwrap();
-    assert_eq!(check.get::<String, _>(0), "ok");
 }

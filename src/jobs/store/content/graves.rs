@@ -14,15 +14,15 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use futures_util::future::BoxFuture;
-use sqlx::sqlite::SqlitePool;
 use tokio::sync::{Mutex, watch};
 use tokio_util::task::AbortOnDropHandle;
 
 use super::ballast::Ballast;
 use super::objects::{Kept, Objects, new_key};
-use crate::jobs::store::Store;
+use crate::jobs::store::engine::Writer;
+use crate::jobs::store::sql::{On, Readers, query, scalar};
 use crate::jobs::store::sqlite::shredder::Shredder;
-use crate::jobs::store::sqlite::writer::{Transaction, Writer};
+use crate::jobs::store::{Store, Transaction};
 use crate::jobs::{Error, Result};
 
 /// Graves that are read at a time, and keys that are looked at in one transaction.
@@ -37,11 +37,11 @@ const PAUSE: Duration = Duration::from_secs(1);
 /// Removes the bytes of keys that are in their graves.
 pub(in crate::jobs::store) struct Burial {
     pub(in crate::jobs::store) writer: Arc<Writer>,
-    pub(in crate::jobs::store) readers: SqlitePool,
+    pub(in crate::jobs::store) readers: Readers,
     pub(in crate::jobs::store) objects: Arc<Objects>,
     pub(in crate::jobs::store) ballast: Ballast,
-    /// The logs of both databases.
-    pub(in crate::jobs::store) logs: [Shredder; 2],
+    /// The logs of the databases in the data folder.
+    pub(in crate::jobs::store) logs: Vec<Shredder>,
     /// One at a time.
     pub(in crate::jobs::store) turn: Mutex<()>,
 }
@@ -64,7 +64,7 @@ impl Burial {
 
     async fn run_if_needed(&self) -> Result<()> {
         let select = "SELECT EXISTS (SELECT 1 FROM graves)";
-        if sqlx::query_scalar(select).fetch_one(&self.readers).await? {
+        if scalar(select).fetch_one(&self.readers).await? {
             self.run().await?;
         }
         Ok(())
@@ -73,7 +73,7 @@ impl Burial {
     async fn once(&self) -> Result<()> {
         loop {
             let select = "SELECT key FROM graves ORDER BY key LIMIT ?1";
-            let keys: Vec<String> = sqlx::query_scalar(select)
+            let keys: Vec<String> = scalar(select)
                 .bind(AT_ONCE as i64)
                 .fetch_all(&self.readers)
                 .await?;
@@ -84,12 +84,12 @@ impl Burial {
                 self.objects.remove(key).await?;
             }
             self.objects.vacuum().await?;
-            let close = self.writer.write(move |tx| {
+            let close = self.writer.write(move |mut tx| {
                 Box::pin(async move {
                     for key in &keys {
-                        sqlx::query("DELETE FROM graves WHERE key = ?1")
+                        query("DELETE FROM graves WHERE key = ?1")
                             .bind(key)
-                            .execute(&mut *tx.db)
+                            .execute(&mut tx.db)
                             .await?;
                     }
                     Ok(())
@@ -195,21 +195,18 @@ impl Store {
         if !unnamed(self).await? {
             return Ok(0);
         }
-        self.write(move |tx| {
+        self.write(move |mut tx| {
             Box::pin(async move {
                 let mut found = 0;
                 for key in &keys {
-                    if is_named(&mut *tx.db, key).await? {
+                    if is_named(&mut tx.db, key).await? {
                         continue;
                     }
                     for statement in [
                         "INSERT INTO refused (key) VALUES (?1) ON CONFLICT DO NOTHING",
                         "INSERT INTO graves (key) VALUES (?1) ON CONFLICT DO NOTHING",
                     ] {
-                        sqlx::query(statement)
-                            .bind(key)
-                            .execute(&mut *tx.db)
-                            .await?;
+                        query(statement).bind(key).execute(&mut tx.db).await?;
                     }
                     found += 1;
                 }
@@ -227,20 +224,17 @@ impl Transaction<'_> {
     /// `Busy` if it was taken for garbage: its bytes are to be written again.
     pub(in crate::jobs::store) async fn may_name(&mut self, object: &Kept) -> Result<()> {
         let select = "SELECT EXISTS (SELECT 1 FROM refused WHERE key = ?1)";
-        let refused: bool = sqlx::query_scalar(select)
+        let refused: bool = scalar(select)
             .bind(&object.key)
-            .fetch_one(&mut *self.db)
+            .fetch_one(&mut self.db)
             .await?;
         if refused { Err(Error::Busy) } else { Ok(()) }
     }
 }
 
-async fn is_named<'e>(
-    db: impl sqlx::Executor<'e, Database = sqlx::Sqlite>,
-    key: &str,
-) -> Result<bool> {
+async fn is_named<'e>(db: impl Into<On<'e>>, key: &str) -> Result<bool> {
     let select = "SELECT EXISTS (SELECT 1 FROM meshes WHERE object = ?1)
                       OR EXISTS (SELECT 1 FROM models WHERE object = ?1)
                       OR EXISTS (SELECT 1 FROM checkpoints WHERE object = ?1)";
-    Ok(sqlx::query_scalar(select).bind(key).fetch_one(db).await?)
+    scalar(select).bind(key).fetch_one(db).await
 }

@@ -5,7 +5,8 @@ use super::row::integer;
 use crate::jobs::assessment::Assessment;
 use crate::jobs::attempt::sha256_hex;
 use crate::jobs::store::Store;
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{query, scalar};
 use crate::jobs::{Claim, Error, JobId, NewEvent, NewMesh, Record, Result, Success};
 use crate::reconstruction::Phase;
 
@@ -96,8 +97,8 @@ impl Store {
 
 impl Transaction<'_> {
     async fn record(&mut self, id: &JobId, attempt: i64, record: &Record) -> Result<()> {
-        // COALESCE keeps what is there: SQLite takes a number that is not one as NULL, too.
-        let found: Option<(i64, i64)> = sqlx::query_as(
+        // COALESCE keeps what is there: a number that is not one is bound as NULL, too.
+        let found = query(
             "UPDATE jobs SET phase = COALESCE(?3, phase), progress = COALESCE(?4, progress),
                  eta_seconds = COALESCE(?5, eta_seconds), evaluations = COALESCE(?6, evaluations),
                  loss = COALESCE(?7, loss)
@@ -111,9 +112,10 @@ impl Transaction<'_> {
         .bind(record.eta_seconds)
         .bind(record.evaluations.map(integer))
         .bind(record.loss)
-        .fetch_optional(&mut *self.db)
+        .fetch_optional(&mut self.db)
         .await?;
-        let (mut events, metrics) = found.ok_or(Error::Stale)?;
+        let found = found.ok_or(Error::Stale)?;
+        let (mut events, metrics) = (found.at::<i64>(0)?, found.at::<i64>(1)?);
         for event in &record.events {
             if event.kind().repeats() && events >= self.options.events_limit {
                 continue;
@@ -130,12 +132,11 @@ impl Transaction<'_> {
         &mut self,
         id: &JobId,
     ) -> Result<()> {
-        let evaluation: i64 =
-            sqlx::query_scalar("SELECT evaluation FROM checkpoints WHERE job_id = ?1")
-                .bind(id.as_str())
-                .fetch_optional(&mut *self.db)
-                .await?
-                .unwrap_or(0);
+        let evaluation: i64 = scalar("SELECT evaluation FROM checkpoints WHERE job_id = ?1")
+            .bind(id.as_str())
+            .fetch_optional(&mut self.db)
+            .await?
+            .unwrap_or(0);
         for statement in [
             "DELETE FROM metrics WHERE job_id = ?1 AND evaluation > ?2",
             "DELETE FROM gradients WHERE job_id = ?1 AND evaluation > ?2",
@@ -145,10 +146,10 @@ impl Transaction<'_> {
             "UPDATE jobs SET evaluations = ?2,
                  metrics = (SELECT COUNT(*) FROM metrics WHERE job_id = ?1) WHERE id = ?1",
         ] {
-            sqlx::query(statement)
+            query(statement)
                 .bind(id.as_str())
                 .bind(evaluation)
-                .execute(&mut *self.db)
+                .execute(&mut self.db)
                 .await?;
         }
         Ok(())

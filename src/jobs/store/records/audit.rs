@@ -9,13 +9,13 @@
 use serde::Serialize;
 use serde_json::json;
 use sha2::{Digest, Sha256};
-use sqlx::sqlite::SqliteRow;
 
 use super::act::{Act, Outcome};
 use super::row::Columns;
 use crate::identity::{Actor, Caller};
 use crate::jobs::Result;
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{Row, either, query, scalar};
 use crate::jobs::store::{Acts, Records, Store};
 
 /// The hash before the first row.
@@ -115,7 +115,7 @@ impl Records<'_> {
     pub async fn audit(self, before: Option<i64>, limit: u32) -> Result<Vec<AuditRow>> {
         let select = "SELECT * FROM audit WHERE tenant = ?1 AND (?2 IS NULL OR seq < ?2)
                       ORDER BY seq DESC LIMIT ?3";
-        let rows = sqlx::query(select)
+        let rows = query(select)
             .bind(self.tenant.as_str())
             .bind(before)
             .bind(limit);
@@ -128,15 +128,15 @@ impl Store {
     /// Rows of the whole trail after the given place, in their order; fewer than asked for at its end.
     pub async fn audit_after(&self, seq: i64, limit: u32) -> Result<Vec<AuditRow>> {
         let select = "SELECT * FROM audit WHERE seq > ?1 ORDER BY seq LIMIT ?2";
-        let rows = sqlx::query(select).bind(seq).bind(limit);
+        let rows = query(select).bind(seq).bind(limit);
         let rows = rows.fetch_all(self.readers()).await?;
         rows.iter().map(row_of).collect()
     }
 
     /// The newest row.
     pub async fn audit_head(&self) -> Result<AuditHead> {
-        let head = sqlx::query_as(HEAD).fetch_optional(self.readers()).await?;
-        Ok(head_of(head))
+        let head = query(HEAD).fetch_optional(self.readers()).await?;
+        head_of(head)
     }
 
     /// Walks the whole trail: its head, or the first place where it is broken. `known` are heads that
@@ -145,10 +145,8 @@ impl Store {
         &self,
         known: &[AuditHead],
     ) -> Result<std::result::Result<AuditHead, AuditFault>> {
-        let begins = sqlx::query_as(BEGINS)
-            .fetch_optional(self.readers())
-            .await?;
-        let begins = head_of(begins);
+        let begins = query(BEGINS).fetch_optional(self.readers()).await?;
+        let begins = head_of(begins)?;
         let mut head = begins.clone();
         let mut missing: Vec<&AuditHead> = known.iter().collect();
         missing.retain(|known| known.seq > begins.seq);
@@ -181,11 +179,12 @@ impl Store {
                 break;
             }
         }
-        // SQLite keeps the largest number that it has given.
-        let last = "SELECT seq FROM sqlite_sequence WHERE name = 'audit'";
-        let last: Option<i64> = sqlx::query_scalar(last)
-            .fetch_optional(self.readers())
-            .await?;
+        // The largest number that was given, which SQLite keeps by itself.
+        let last = either(
+            "SELECT seq FROM sqlite_sequence WHERE name = 'audit'",
+            "SELECT seq FROM audit_given",
+        );
+        let last: Option<i64> = scalar(last).fetch_optional(self.readers()).await?;
         let noted = missing.iter().map(|known| known.seq).max();
         match last.max(noted) {
             Some(last) if last > head.seq => fault(head.seq + 1, "the end is missing"),
@@ -196,20 +195,21 @@ impl Store {
     /// Removes the oldest rows, up to the first one that is not older than the given time
     /// (milliseconds since the epoch), and tells how many. The trail then begins after them.
     pub async fn audit_prune(&self, before: i64) -> Result<u64> {
-        self.write(move |tx| {
+        self.write(move |mut tx| {
             Box::pin(async move {
-                sqlx::query(
-                    "INSERT OR IGNORE INTO audit_begins (seq, hash)
+                query(
+                    "INSERT INTO audit_begins (seq, hash)
                      SELECT seq, hash FROM audit
                      WHERE seq < COALESCE((SELECT MIN(seq) FROM audit WHERE at >= ?1),
                                           (SELECT MAX(seq) + 1 FROM audit))
-                     ORDER BY seq DESC LIMIT 1",
+                     ORDER BY seq DESC LIMIT 1
+                     ON CONFLICT DO NOTHING",
                 )
                 .bind(before)
-                .execute(&mut *tx.db)
+                .execute(&mut tx.db)
                 .await?;
                 let delete = "DELETE FROM audit WHERE seq <= (SELECT MAX(seq) FROM audit_begins)";
-                let deleted = sqlx::query(delete).execute(tx.db).await?;
+                let deleted = query(delete).execute(&mut tx.db).await?;
                 Ok(deleted.rows_affected())
             })
         })
@@ -220,9 +220,16 @@ impl Store {
 const HEAD: &str = "SELECT seq, hash FROM audit ORDER BY seq DESC LIMIT 1";
 const BEGINS: &str = "SELECT seq, hash FROM audit_begins ORDER BY seq DESC LIMIT 1";
 
-fn head_of(found: Option<(i64, String)>) -> AuditHead {
-    let (seq, hash) = found.unwrap_or_else(|| (0, NOTHING.to_owned()));
-    AuditHead { seq, hash }
+fn head_of(found: Option<Row>) -> Result<AuditHead> {
+    let Some(row) = found else {
+        let hash = NOTHING.to_owned();
+        return Ok(AuditHead { seq: 0, hash });
+    };
+    let columns = Columns::new("audit", &row);
+    Ok(AuditHead {
+        seq: columns.get("seq")?,
+        hash: columns.get("hash")?,
+    })
 }
 
 impl Transaction<'_> {
@@ -246,11 +253,11 @@ impl Transaction<'_> {
         (act, outcome): (Act, Outcome),
         object: &str,
     ) -> Result<()> {
-        let mut head = sqlx::query_as(HEAD).fetch_optional(&mut *self.db).await?;
+        let mut head = query(HEAD).fetch_optional(&mut self.db).await?;
         if head.is_none() {
-            head = sqlx::query_as(BEGINS).fetch_optional(&mut *self.db).await?;
+            head = query(BEGINS).fetch_optional(&mut self.db).await?;
         }
-        let head = head_of(head);
+        let head = head_of(head)?;
         let (tenant, actor, key) = match &caller.actor {
             Actor::Key { name, id } => (Some(&caller.tenant), Some(name.as_ref()), Some(id)),
             Actor::User { name } => (Some(&caller.tenant), Some(name.as_ref()), None),
@@ -274,7 +281,7 @@ impl Transaction<'_> {
             hash: String::new(),
         };
         row.hash = row.expected(&head.hash);
-        sqlx::query(
+        query(
             "INSERT INTO audit (seq, at, tenant, actor, key, address, action, event, object,
                  outcome, request, hash)
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
@@ -291,13 +298,13 @@ impl Transaction<'_> {
         .bind(row.outcome)
         .bind(row.request)
         .bind(row.hash)
-        .execute(&mut *self.db)
+        .execute(&mut self.db)
         .await?;
         Ok(())
     }
 }
 
-fn row_of(row: &SqliteRow) -> Result<AuditRow> {
+fn row_of(row: &Row) -> Result<AuditRow> {
     let columns = Columns::new("audit", row);
     Ok(AuditRow {
         seq: columns.get("seq")?,

@@ -1,17 +1,14 @@
 //! Batches: made with all their jobs or not at all, found, listed, cancelled, and gone with their last
 //! job.
 
-use sqlx::sqlite::SqliteRow;
-
 use super::act::Act;
 use super::idempotency::{Idempotency, Subject};
 use super::row::{Columns, integer};
 use crate::identity::Caller;
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{Row, query};
 use crate::jobs::store::{Acts, Records};
-use crate::jobs::{
-    Batch, BatchId, BatchJob, Error, NewJob, Reason, Result, Status, Track, Verdict,
-};
+use crate::jobs::{Batch, BatchId, BatchJob, NewJob, Reason, Result, Status, Track, Verdict};
 
 impl Acts<'_> {
     /// Puts all jobs into the queue as a batch, with their events and, under the client's key, the
@@ -51,20 +48,22 @@ impl Acts<'_> {
         self.store
             .write(move |mut tx| {
                 Box::pin(async move {
-                    let select = "SELECT jobs.id, finished_at IS NULL FROM jobs
-                                  WHERE batch_id = ?1 AND tenant = ?2 ORDER BY jobs.id";
-                    let jobs: Vec<(String, bool)> = sqlx::query_as(select)
+                    let select = "SELECT id, finished_at IS NULL AS open FROM jobs
+                                  WHERE batch_id = ?1 AND tenant = ?2 ORDER BY id";
+                    let jobs = query(select)
                         .bind(id.as_str())
                         .bind(caller.tenant.as_str())
-                        .fetch_all(&mut *tx.db)
+                        .fetch_all(&mut tx.db)
                         .await?;
                     if jobs.is_empty() {
                         return Ok(false);
                     }
                     tx.witness(&caller, Act::BatchCancel, id.as_str()).await?;
-                    for (job, _) in jobs.iter().filter(|(_, open)| *open) {
-                        let job = job.parse().map_err(Error::inconsistent("jobs", "id"))?;
-                        tx.request_cancel(&job, &caller).await?;
+                    for row in &jobs {
+                        let columns = Columns::new("jobs", row);
+                        if columns.get("open")? {
+                            tx.request_cancel(&columns.parsed("id")?, &caller).await?;
+                        }
                     }
                     Ok(true)
                 })
@@ -76,7 +75,7 @@ impl Acts<'_> {
 impl Records<'_> {
     /// The batch of the given name.
     pub async fn batch(self, id: &BatchId) -> Result<Option<Batch>> {
-        let row = sqlx::query("SELECT * FROM batch_states WHERE id = ?1 AND tenant = ?2")
+        let row = query("SELECT * FROM batch_states WHERE id = ?1 AND tenant = ?2")
             .bind(id.as_str())
             .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
@@ -95,7 +94,7 @@ impl Records<'_> {
     pub async fn list_batches(self, before: Option<&BatchId>, limit: u32) -> Result<Vec<Batch>> {
         let select = "SELECT * FROM batch_states WHERE tenant = ?1 AND (?2 IS NULL OR id < ?2)
                       ORDER BY id DESC LIMIT ?3";
-        let rows = sqlx::query(select)
+        let rows = query(select)
             .bind(self.tenant.as_str())
             .bind(before.map(BatchId::as_str))
             .bind(limit)
@@ -119,31 +118,31 @@ impl Records<'_> {
                       JOIN events AS first ON first.job_id = jobs.id AND first.id = 1
                       JOIN events AS last ON last.job_id = jobs.id AND last.id = jobs.events
                       WHERE batch_id = ?1 AND jobs.tenant = ?2 ORDER BY jobs.id";
-        let rows = sqlx::query(select)
+        let rows = query(select)
             .bind(id.as_str())
             .bind(self.tenant.as_str())
             .fetch_all(self.readers())
             .await?;
-        let track = |row: &SqliteRow| {
+        let track = |row: &Row| {
             let columns = Columns::new("jobs", row);
             Ok(Track {
                 job: columns.parsed("id")?,
                 first: columns.get("first")?,
                 last: columns.get("last")?,
-                ended: columns.get::<i64>("ended")? != 0,
+                ended: columns.get("ended")?,
             })
         };
         rows.iter().map(track).collect()
     }
 
-    async fn with_jobs(self, row: &SqliteRow) -> Result<Batch> {
+    async fn with_jobs(self, row: &Row) -> Result<Batch> {
         let columns = Columns::new("batches", row);
         let id: BatchId = columns.parsed("id")?;
         let select = "SELECT id, cloud_id, source, preset, labels, status, progress,
                           json_extract(report, '$.verdict') AS verdict,
                           json_extract(error, '$.code') AS error
                       FROM jobs WHERE batch_id = ?1 ORDER BY id";
-        let jobs = sqlx::query(select).bind(id.as_str());
+        let jobs = query(select).bind(id.as_str());
         let jobs = jobs.fetch_all(self.readers()).await?;
         Ok(Batch {
             id,
@@ -158,12 +157,12 @@ impl Records<'_> {
 impl Transaction<'_> {
     async fn insert_batch(&mut self, id: &BatchId, made: u64, caller: &Caller) -> Result<()> {
         let insert = "INSERT INTO batches (id, tenant, made, created_at) VALUES (?1, ?2, ?3, ?4)";
-        sqlx::query(insert)
+        query(insert)
             .bind(id.as_str())
             .bind(caller.tenant.as_str())
             .bind(integer(made))
             .bind(self.now)
-            .execute(&mut *self.db)
+            .execute(&mut self.db)
             .await?;
         self.witness(caller, Act::BatchCreate, id.as_str()).await
     }
@@ -177,8 +176,8 @@ impl Transaction<'_> {
     ) -> Result<()> {
         let delete = "DELETE FROM batches WHERE id = ?1
                       AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch_id = ?1)";
-        let deleted = sqlx::query(delete).bind(id.as_str());
-        if deleted.execute(&mut *self.db).await?.rows_affected() == 0 {
+        let deleted = query(delete).bind(id.as_str());
+        if deleted.execute(&mut self.db).await?.rows_affected() == 0 {
             return Ok(());
         }
         self.empty_answers(&Subject::Batch(id.clone())).await?;
@@ -188,7 +187,7 @@ impl Transaction<'_> {
     }
 }
 
-fn job_of(row: &SqliteRow) -> Result<BatchJob> {
+fn job_of(row: &Row) -> Result<BatchJob> {
     let columns = Columns::new("jobs", row);
     Ok(BatchJob {
         id: columns.parsed("id")?,

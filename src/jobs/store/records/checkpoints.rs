@@ -3,7 +3,8 @@
 use bytes::Bytes;
 
 use super::row::{Columns, integer, of_tenant};
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::query;
 use crate::jobs::store::{Records, Store};
 use crate::jobs::{Claim, JobId, Result};
 
@@ -40,7 +41,7 @@ impl Store {
                 tx.held(&id, attempt).await?;
                 tx.may_name(&named).await?;
                 tx.bury_checkpoint(&id).await?;
-                sqlx::query(
+                query(
                     "INSERT INTO checkpoints (job_id, attempt, evaluation, object, bytes,
                          created_at)
                      VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
@@ -51,7 +52,7 @@ impl Store {
                 .bind(&named.key)
                 .bind(integer(named.bytes))
                 .bind(tx.now)
-                .execute(&mut *tx.db)
+                .execute(&mut tx.db)
                 .await?;
                 Ok(())
             })
@@ -63,7 +64,7 @@ impl Store {
 impl Records<'_> {
     /// The last saved state of a job that has not ended.
     pub async fn checkpoint(self, id: &JobId) -> Result<Option<Checkpoint>> {
-        let row = sqlx::query(of_tenant!("SELECT * FROM checkpoints WHERE job_id = ?1"))
+        let row = query(of_tenant!("SELECT * FROM checkpoints WHERE job_id = ?1"))
             .bind(id.as_str())
             .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
@@ -92,9 +93,9 @@ impl Transaction<'_> {
             "INSERT INTO graves (key) SELECT object FROM checkpoints WHERE job_id = ?1",
             "DELETE FROM checkpoints WHERE job_id = ?1",
         ] {
-            sqlx::query(statement)
+            query(statement)
                 .bind(id.as_str())
-                .execute(&mut *self.db)
+                .execute(&mut self.db)
                 .await?;
         }
         Ok(())

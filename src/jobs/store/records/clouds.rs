@@ -1,9 +1,8 @@
 //! Rows of uploaded clouds. The files are the caller's: in place before the row, removed after it.
 
-use sqlx::sqlite::SqliteRow;
-
 use super::act::Act;
 use super::row::{Columns, integer, to_json};
+use crate::jobs::store::sql::{Row, query, scalar};
 use crate::jobs::store::{Acts, Records, Store};
 use crate::jobs::{Cloud, CloudId, NewCloud, Result};
 
@@ -20,7 +19,7 @@ impl Acts<'_> {
                     let id = CloudId::new();
                     // The one that is there is kept for the longer of the two times; NULL is for ever. It is
                     // read as the last upload asked for.
-                    let row = sqlx::query(
+                    let row = query(
                     "INSERT INTO clouds (id, sha256, bytes, format, points, summary, created_at,
                          tenant, expires_at)
                      VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?7 + ?9)
@@ -38,7 +37,7 @@ impl Acts<'_> {
                 .bind(tx.now)
                 .bind(caller.tenant.as_str())
                 .bind(new.keep_ms)
-                .fetch_one(&mut *tx.db)
+                .fetch_one(&mut tx.db)
                 .await?;
                     let cloud = cloud_of(&row)?;
                     let created = cloud.id == id;
@@ -62,7 +61,7 @@ impl Acts<'_> {
 impl Records<'_> {
     /// The cloud of the given name.
     pub async fn cloud(self, id: &CloudId) -> Result<Option<Cloud>> {
-        let row = sqlx::query("SELECT * FROM clouds WHERE id = ?1 AND tenant = ?2")
+        let row = query("SELECT * FROM clouds WHERE id = ?1 AND tenant = ?2")
             .bind(id.as_str())
             .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
@@ -72,7 +71,7 @@ impl Records<'_> {
 
     /// The cloud with the given bytes.
     pub async fn cloud_by_sha256(self, sha256: &str) -> Result<Option<Cloud>> {
-        let row = sqlx::query("SELECT * FROM clouds WHERE sha256 = ?1 AND tenant = ?2")
+        let row = query("SELECT * FROM clouds WHERE sha256 = ?1 AND tenant = ?2")
             .bind(sha256)
             .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
@@ -84,7 +83,7 @@ impl Records<'_> {
     pub async fn list_clouds(self, before: Option<&CloudId>, limit: u32) -> Result<Vec<Cloud>> {
         let select = "SELECT * FROM clouds WHERE tenant = ?1 AND (?2 IS NULL OR id < ?2)
                       ORDER BY id DESC LIMIT ?3";
-        sqlx::query(select)
+        query(select)
             .bind(self.tenant.as_str())
             .bind(before.map(CloudId::as_str))
             .bind(limit)
@@ -101,23 +100,18 @@ impl Store {
     /// last of them.
     pub async fn holds_sha256(&self, sha256: &str) -> Result<bool> {
         let select = "SELECT EXISTS (SELECT 1 FROM clouds WHERE sha256 = ?1)";
-        Ok(sqlx::query_scalar(select)
-            .bind(sha256)
-            .fetch_one(self.readers())
-            .await?)
+        scalar(select).bind(sha256).fetch_one(self.readers()).await
     }
 
     /// The hashes of the clouds of all tenants: a file with another name is an orphan.
     pub async fn sha256s(&self) -> Result<Vec<String>> {
-        Ok(
-            sqlx::query_scalar("SELECT DISTINCT sha256 FROM clouds ORDER BY sha256")
-                .fetch_all(self.readers())
-                .await?,
-        )
+        scalar("SELECT DISTINCT sha256 FROM clouds ORDER BY sha256")
+            .fetch_all(self.readers())
+            .await
     }
 }
 
-pub(in crate::jobs::store) fn cloud_of(row: &SqliteRow) -> Result<Cloud> {
+pub(in crate::jobs::store) fn cloud_of(row: &Row) -> Result<Cloud> {
     let columns = Columns::new("clouds", row);
     Ok(Cloud {
         id: columns.parsed("id")?,

@@ -1,13 +1,12 @@
 //! Messages to webhooks: written with what they tell of, sent when they are due, tried again.
 
 use serde_json::{Value, json};
-use sqlx::Row;
-use sqlx::sqlite::SqliteRow;
 
 use super::act::Act;
 use super::queue::DAY_MS;
 use super::row::{Columns, to_json};
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{Row, query, scalar};
 use crate::jobs::store::{Acts, Records, Store};
 use crate::jobs::{
     Delivery, DeliveryId, Due, JobId, NewEvent, News, Next, Result, Tried, WebhookId,
@@ -24,10 +23,10 @@ impl Acts<'_> {
             .write(move |mut tx| {
                 Box::pin(async move {
                     let select = "SELECT id FROM webhooks WHERE id = ?1 AND tenant = ?2";
-                    let known: Option<String> = sqlx::query_scalar(select)
+                    let known: Option<String> = scalar(select)
                         .bind(id.as_str())
                         .bind(caller.tenant.as_str())
-                        .fetch_optional(&mut *tx.db)
+                        .fetch_optional(&mut tx.db)
                         .await?;
                     let Some(webhook) = known else {
                         return Ok(None);
@@ -52,14 +51,14 @@ impl Acts<'_> {
         self.store
             .write(move |mut tx| {
                 Box::pin(async move {
-                    let row = sqlx::query(
+                    let row = query(
                         "UPDATE deliveries SET due_at = ?3, tries = 0, status = NULL, error = NULL
                          WHERE id = ?1 AND tenant = ?2 RETURNING *",
                     )
                     .bind(id.as_str())
                     .bind(caller.tenant.as_str())
                     .bind(tx.now)
-                    .fetch_optional(&mut *tx.db)
+                    .fetch_optional(&mut tx.db)
                     .await?;
                     let Some(row) = row else {
                         return Ok(None);
@@ -77,7 +76,7 @@ impl Acts<'_> {
 impl Records<'_> {
     /// The message of the given name.
     pub async fn delivery(self, id: &DeliveryId) -> Result<Option<Delivery>> {
-        let row = sqlx::query("SELECT * FROM deliveries WHERE id = ?1 AND tenant = ?2")
+        let row = query("SELECT * FROM deliveries WHERE id = ?1 AND tenant = ?2")
             .bind(id.as_str())
             .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
@@ -95,7 +94,7 @@ impl Records<'_> {
         let select = "SELECT * FROM deliveries
                       WHERE webhook_id = ?1 AND tenant = ?2 AND (?3 IS NULL OR id < ?3)
                       ORDER BY id DESC LIMIT ?4";
-        let rows = sqlx::query(select)
+        let rows = query(select)
             .bind(webhook.as_str())
             .bind(self.tenant.as_str())
             .bind(before.map(DeliveryId::as_str))
@@ -109,7 +108,7 @@ impl Records<'_> {
 impl Store {
     /// Of each webhook of any tenant that is not waited for, the message that is due longest.
     pub async fn due_deliveries(&self) -> Result<Vec<Due>> {
-        let rows = sqlx::query(
+        let rows = query(
             "SELECT deliveries.*, url, secret,
                  CASE WHEN old_until > ?1 THEN old_secret END AS old_secret
              FROM webhooks JOIN deliveries ON deliveries.id =
@@ -120,7 +119,7 @@ impl Store {
         .bind(self.now())
         .fetch_all(self.readers())
         .await?;
-        let due = |row: &SqliteRow| {
+        let due = |row: &Row| {
             let columns = Columns::new("webhooks", row);
             let old: Option<Vec<u8>> = columns.get("old_secret")?;
             Ok(Due {
@@ -134,27 +133,27 @@ impl Store {
 
     /// When the next message is due, in milliseconds since the epoch; none while none waits.
     pub async fn next_delivery(&self) -> Result<Option<i64>> {
-        let row = sqlx::query(
+        let row = query(
             "SELECT MIN(MAX(wait_until, (SELECT MIN(due_at) FROM deliveries
                                          WHERE webhook_id = webhooks.id AND due_at IS NOT NULL)))
              FROM webhooks WHERE state = 'enabled'",
         )
         .fetch_one(self.readers())
         .await?;
-        Ok(row.try_get(0)?)
+        row.at(0)
     }
 
     /// Notes how a try to send a message went.
     pub async fn delivery_tried(&self, due: &Due, tried: Tried) -> Result<()> {
         let (id, webhook) = (due.delivery.id.clone(), due.delivery.webhook_id.clone());
-        self.write(move |tx| {
+        self.write(move |mut tx| {
             Box::pin(async move {
                 let (due_at, wait_until, state) = match tried.next {
                     Next::Nothing => (None, 0, None),
                     Next::Again { due_at, wait_until } => (Some(due_at), wait_until, None),
                     Next::Gone => (None, 0, Some("gone")),
                 };
-                sqlx::query(
+                query(
                     "UPDATE deliveries SET tries = tries + 1, tried_at = ?2, status = ?3,
                          error = ?4, due_at = ?5
                      WHERE id = ?1",
@@ -164,16 +163,16 @@ impl Store {
                 .bind(tried.status)
                 .bind(tried.error)
                 .bind(due_at)
-                .execute(&mut *tx.db)
+                .execute(&mut tx.db)
                 .await?;
-                sqlx::query(
+                query(
                     "UPDATE webhooks SET wait_until = ?2, state = COALESCE(?3, state)
                      WHERE id = ?1",
                 )
                 .bind(webhook.as_str())
                 .bind(wait_until)
                 .bind(state)
-                .execute(tx.db)
+                .execute(&mut tx.db)
                 .await?;
                 Ok(())
             })
@@ -183,11 +182,11 @@ impl Store {
 
     /// Forgets messages that are old, whether or not they were taken.
     pub async fn forget_deliveries(&self) -> Result<()> {
-        self.write(|tx| {
+        self.write(|mut tx| {
             Box::pin(async move {
-                sqlx::query("DELETE FROM deliveries WHERE created_at < ?1")
+                query("DELETE FROM deliveries WHERE created_at < ?1")
                     .bind(tx.now - KEEP_DAYS * DAY_MS)
-                    .execute(tx.db)
+                    .execute(&mut tx.db)
                     .await?;
                 Ok(())
             })
@@ -215,17 +214,16 @@ impl Transaction<'_> {
             NewEvent::Cancelled {} => (News::JobCancelled, json!({})),
             _ => return Ok(()),
         };
-        let any: Option<i64> =
-            sqlx::query_scalar("SELECT 1 FROM webhooks WHERE tenant = ?1 LIMIT 1")
-                .bind(tenant)
-                .fetch_optional(&mut *self.db)
-                .await?;
-        if any.is_none() {
+        let any: bool = scalar("SELECT EXISTS (SELECT 1 FROM webhooks WHERE tenant = ?1)")
+            .bind(tenant)
+            .fetch_one(&mut self.db)
+            .await?;
+        if !any {
             return Ok(());
         }
-        let batch: Option<String> = sqlx::query_scalar("SELECT batch_id FROM jobs WHERE id = ?1")
+        let batch: Option<String> = scalar("SELECT batch_id FROM jobs WHERE id = ?1")
             .bind(id.as_str())
-            .fetch_one(&mut *self.db)
+            .fetch_one(&mut self.db)
             .await?;
         data["job_id"] = json!(id);
         data["batch_id"] = json!(batch);
@@ -233,15 +231,17 @@ impl Transaction<'_> {
         let Some(batch) = batch else {
             return Ok(());
         };
-        let counts = sqlx::query(
-            "SELECT TOTAL(finished_at IS NULL) AS open, TOTAL(status = 'succeeded') AS succeeded,
-                 TOTAL(status = 'failed') AS failed, TOTAL(status = 'cancelled') AS cancelled
+        let counts = query(
+            "SELECT COUNT(CASE WHEN finished_at IS NULL THEN 1 END) AS open,
+                 COUNT(CASE WHEN status = 'succeeded' THEN 1 END) AS succeeded,
+                 COUNT(CASE WHEN status = 'failed' THEN 1 END) AS failed,
+                 COUNT(CASE WHEN status = 'cancelled' THEN 1 END) AS cancelled
              FROM jobs WHERE batch_id = ?1",
         )
         .bind(&batch)
-        .fetch_one(&mut *self.db)
+        .fetch_one(&mut self.db)
         .await?;
-        let count = |column: &str| counts.try_get::<f64, _>(column).map(|count| count as u64);
+        let count = |column| Columns::new("jobs", &counts).count(column);
         if count("open")? > 0 {
             return Ok(());
         }
@@ -256,16 +256,17 @@ impl Transaction<'_> {
     }
 
     async fn insert_deliveries(&mut self, tenant: &str, news: News, data: &Value) -> Result<()> {
-        let webhooks: Vec<String> = sqlx::query_scalar(
-            "SELECT id FROM webhooks
-             WHERE tenant = ?1 AND EXISTS (SELECT 1 FROM json_each(events) WHERE value = ?2)",
-        )
-        .bind(tenant)
-        .bind(news.name())
-        .fetch_all(&mut *self.db)
-        .await?;
-        for webhook in webhooks {
-            self.insert_delivery((tenant, &webhook), news, data).await?;
+        let webhooks = query("SELECT id, events FROM webhooks WHERE tenant = ?1 ORDER BY id")
+            .bind(tenant)
+            .fetch_all(&mut self.db)
+            .await?;
+        for row in &webhooks {
+            let columns = Columns::new("webhooks", row);
+            let wanted: Vec<String> = columns.json("events")?;
+            if wanted.iter().any(|name| name == news.name()) {
+                self.insert_delivery((tenant, columns.get("id")?), news, data)
+                    .await?;
+            }
         }
         Ok(())
     }
@@ -276,7 +277,7 @@ impl Transaction<'_> {
         news: News,
         data: &Value,
     ) -> Result<Delivery> {
-        let row = sqlx::query(
+        let row = query(
             "INSERT INTO deliveries (id, webhook_id, tenant, event, data, created_at, due_at)
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?6) RETURNING *",
         )
@@ -286,22 +287,22 @@ impl Transaction<'_> {
         .bind(news.name())
         .bind(to_json(data))
         .bind(self.now)
-        .fetch_one(&mut *self.db)
+        .fetch_one(&mut self.db)
         .await?;
         delivery_of(&row)
     }
 
     /// A webhook that somebody looks at is not waited for.
     async fn call_at_once(&mut self, webhook: &str) -> Result<()> {
-        sqlx::query("UPDATE webhooks SET wait_until = 0 WHERE id = ?1")
+        query("UPDATE webhooks SET wait_until = 0 WHERE id = ?1")
             .bind(webhook)
-            .execute(&mut *self.db)
+            .execute(&mut self.db)
             .await?;
         Ok(())
     }
 }
 
-fn delivery_of(row: &SqliteRow) -> Result<Delivery> {
+fn delivery_of(row: &Row) -> Result<Delivery> {
     let columns = Columns::new("deliveries", row);
     Ok(Delivery {
         id: columns.parsed("id")?,
@@ -310,9 +311,11 @@ fn delivery_of(row: &SqliteRow) -> Result<Delivery> {
         data: columns.json("data")?,
         created_at: columns.get("created_at")?,
         due_at: columns.get("due_at")?,
-        tries: columns.get("tries")?,
+        tries: columns.count("tries")? as u32,
         tried_at: columns.get("tried_at")?,
-        status: columns.get("status")?,
+        status: columns
+            .get::<Option<i64>>("status")?
+            .map(|status| status as u16),
         error: columns.get("error")?,
     })
 }

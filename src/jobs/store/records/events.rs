@@ -1,9 +1,8 @@
 //! Events: what happened to each job, in order.
 
-use sqlx::sqlite::SqliteRow;
-
 use super::row::{Columns, to_json};
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{Row, query, scalar};
 use crate::jobs::store::{Records, Store};
 use crate::jobs::{BatchId, Event, EventKind, JobId, NewEvent, Result};
 
@@ -12,7 +11,7 @@ impl Records<'_> {
     pub async fn events_after(self, id: &JobId, after: i64, limit: u32) -> Result<Vec<Event>> {
         let select = "SELECT * FROM events WHERE job_id = ?1 AND tenant = ?2 AND id > ?3
                       ORDER BY id LIMIT ?4";
-        sqlx::query(select)
+        query(select)
             .bind(id.as_str())
             .bind(self.tenant.as_str())
             .bind(after)
@@ -27,7 +26,7 @@ impl Records<'_> {
     /// Events of all jobs of the tenant after the given place, oldest first.
     pub async fn all_events_after(self, seq: i64, limit: u32) -> Result<Vec<Event>> {
         let select = "SELECT * FROM events WHERE tenant = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
-        sqlx::query(select)
+        query(select)
             .bind(self.tenant.as_str())
             .bind(seq)
             .bind(limit)
@@ -45,11 +44,11 @@ impl Records<'_> {
         seq: i64,
         limit: u32,
     ) -> Result<Vec<Event>> {
-        // With the plus they are read in their order, not job by job and then sorted.
+        // With an empty text behind it they are read in their order, not job by job and then sorted.
         let select = "SELECT * FROM events WHERE tenant = ?1 AND seq > ?2
-                      AND +job_id IN (SELECT id FROM jobs WHERE batch_id = ?3)
+                      AND job_id || '' IN (SELECT id FROM jobs WHERE batch_id = ?3)
                       ORDER BY seq LIMIT ?4";
-        sqlx::query(select)
+        query(select)
             .bind(self.tenant.as_str())
             .bind(seq)
             .bind(id.as_str())
@@ -64,10 +63,10 @@ impl Records<'_> {
     /// Place of the tenant's newest event that is here; 0 when there is none.
     pub async fn last_seq(self) -> Result<i64> {
         let select = "SELECT COALESCE(MAX(seq), 0) FROM events WHERE tenant = ?1";
-        Ok(sqlx::query_scalar(select)
+        scalar(select)
             .bind(self.tenant.as_str())
             .fetch_one(self.readers())
-            .await?)
+            .await
     }
 }
 
@@ -75,7 +74,7 @@ impl Store {
     /// Events of all jobs of all tenants after the given place, oldest first: for the one reader that
     /// hands them on to those whom they concern.
     pub async fn events_of_all(&self, seq: i64, limit: u32) -> Result<Vec<Event>> {
-        sqlx::query("SELECT * FROM events WHERE seq > ?1 ORDER BY seq LIMIT ?2")
+        query("SELECT * FROM events WHERE seq > ?1 ORDER BY seq LIMIT ?2")
             .bind(seq)
             .bind(limit)
             .fetch_all(self.readers())
@@ -87,11 +86,9 @@ impl Store {
 
     /// Place of the newest event of all; 0 when there is none.
     pub async fn last_seq_of_all(&self) -> Result<i64> {
-        Ok(
-            sqlx::query_scalar("SELECT COALESCE(MAX(seq), 0) FROM events")
-                .fetch_one(self.readers())
-                .await?,
-        )
+        scalar("SELECT COALESCE(MAX(seq), 0) FROM events")
+            .fetch_one(self.readers())
+            .await
     }
 }
 
@@ -102,13 +99,15 @@ impl Transaction<'_> {
         id: &JobId,
         event: &NewEvent,
     ) -> Result<()> {
-        let (number, attempt, tenant): (i64, i64, String) = sqlx::query_as(
+        let row = query(
             "UPDATE jobs SET events = events + 1 WHERE id = ?1 RETURNING events, attempt, tenant",
         )
         .bind(id.as_str())
-        .fetch_one(&mut *self.db)
+        .fetch_one(&mut self.db)
         .await?;
-        sqlx::query(
+        let (number, attempt): (i64, i64) = (row.at(0)?, row.at(1)?);
+        let tenant: &str = row.at(2)?;
+        query(
             "INSERT INTO events (job_id, id, event, time, attempt, data, tenant)
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
         )
@@ -118,14 +117,14 @@ impl Transaction<'_> {
         .bind(self.now)
         .bind(attempt)
         .bind(to_json(event))
-        .bind(&tenant)
-        .execute(&mut *self.db)
+        .bind(tenant)
+        .execute(&mut self.db)
         .await?;
-        self.tell_webhooks(&tenant, id, event).await
+        self.tell_webhooks(tenant, id, event).await
     }
 }
 
-fn event_of(row: &SqliteRow) -> Result<Event> {
+fn event_of(row: &Row) -> Result<Event> {
     let columns = Columns::new("events", row);
     Ok(Event {
         seq: columns.get("seq")?,

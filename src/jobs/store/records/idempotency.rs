@@ -7,7 +7,8 @@
 use super::row::{Columns, to_json};
 use super::tombstones;
 use crate::identity::Tenant;
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{query, scalar};
 use crate::jobs::store::{Acts, Store};
 use crate::jobs::{BatchId, CloudId, Error, Job, JobId, Result, Tombstone};
 
@@ -86,9 +87,9 @@ impl Acts<'_> {
         let (key, scope) = (key.to_owned(), scope.to_owned());
         let (request_sha256, tenant) = (request_sha256.to_owned(), self.caller.tenant.clone());
         self.store
-            .write(move |tx| {
+            .write(move |mut tx| {
                 Box::pin(async move {
-                    let begun = sqlx::query(
+                    let begun = query(
                         "INSERT INTO idempotency (key, scope, tenant, request_sha256, created_at)
                      VALUES (?1, ?2, ?3, ?4, ?5) ON CONFLICT (tenant, key, scope) DO NOTHING",
                     )
@@ -97,18 +98,18 @@ impl Acts<'_> {
                     .bind(tenant.as_str())
                     .bind(&request_sha256)
                     .bind(tx.now)
-                    .execute(&mut *tx.db)
+                    .execute(&mut tx.db)
                     .await?;
                     if begun.rows_affected() == 1 {
                         return Ok(IdempotencyState::New);
                     }
                     let select = "SELECT * FROM idempotency
                               WHERE key = ?1 AND scope = ?2 AND tenant = ?3";
-                    let row = sqlx::query(select)
+                    let row = query(select)
                         .bind(&key)
                         .bind(&scope)
                         .bind(tenant.as_str())
-                        .fetch_one(&mut *tx.db)
+                        .fetch_one(&mut tx.db)
                         .await?;
                     let columns = Columns::new("idempotency", &row);
                     if columns.get::<String>("request_sha256")? != request_sha256 {
@@ -122,7 +123,7 @@ impl Acts<'_> {
                     for (column, state) in gone {
                         if let Some(id) = columns.get::<Option<String>>(column)?
                             && let Some(tombstone) =
-                                tombstones::find(&mut *tx.db, &tenant, &id).await?
+                                tombstones::find(&mut tx.db, &tenant, &id).await?
                         {
                             return Ok(state(tombstone));
                         }
@@ -143,7 +144,7 @@ impl Acts<'_> {
 
     /// Whether a request with this key was answered; takes no lock and writes nothing.
     pub async fn idempotency_answered(self, key: &str, scope: &str) -> Result<bool> {
-        Ok(sqlx::query_scalar(
+        scalar(
             "SELECT EXISTS (SELECT 1 FROM idempotency
                             WHERE key = ?1 AND scope = ?2 AND tenant = ?3
                               AND status IS NOT NULL)",
@@ -152,7 +153,7 @@ impl Acts<'_> {
         .bind(scope)
         .bind(self.caller.tenant.as_str())
         .fetch_one(self.store.readers())
-        .await?)
+        .await
     }
 
     /// Keeps the answer to a request that was begun and submitted no job. One that tells of a job or
@@ -179,16 +180,16 @@ impl Acts<'_> {
     pub async fn idempotency_abandon(self, key: &str, scope: &str) -> Result<()> {
         let (tenant, key, scope) = (self.caller.tenant.clone(), key.to_owned(), scope.to_owned());
         self.store
-            .write(move |tx| {
+            .write(move |mut tx| {
                 Box::pin(async move {
-                    sqlx::query(
+                    query(
                         "DELETE FROM idempotency
                      WHERE key = ?1 AND scope = ?2 AND tenant = ?3 AND status IS NULL",
                     )
                     .bind(key)
                     .bind(scope)
                     .bind(tenant.as_str())
-                    .execute(tx.db)
+                    .execute(&mut tx.db)
                     .await?;
                     Ok(())
                 })
@@ -201,10 +202,10 @@ impl Store {
     /// Forgets all requests in flight, and tells how many: at a server's start they are those that
     /// died with the last one.
     pub async fn idempotency_abandon_all(&self) -> Result<u64> {
-        self.write(|tx| {
+        self.write(|mut tx| {
             Box::pin(async move {
-                let deleted = sqlx::query("DELETE FROM idempotency WHERE status IS NULL")
-                    .execute(tx.db)
+                let deleted = query("DELETE FROM idempotency WHERE status IS NULL")
+                    .execute(&mut tx.db)
                     .await?;
                 Ok(deleted.rows_affected())
             })
@@ -215,11 +216,11 @@ impl Store {
     /// Forgets all keys begun before the given time (milliseconds since the epoch), and tells how
     /// many.
     pub async fn idempotency_prune(&self, before: i64) -> Result<u64> {
-        self.write(move |tx| {
+        self.write(move |mut tx| {
             Box::pin(async move {
-                let deleted = sqlx::query("DELETE FROM idempotency WHERE created_at < ?1")
+                let deleted = query("DELETE FROM idempotency WHERE created_at < ?1")
                     .bind(before)
-                    .execute(tx.db)
+                    .execute(&mut tx.db)
                     .await?;
                 Ok(deleted.rows_affected())
             })
@@ -245,19 +246,18 @@ impl Transaction<'_> {
     /// must not be done again.
     pub(in crate::jobs::store) async fn empty_answers(&mut self, erased: &Subject) -> Result<()> {
         let statement = match erased {
-            Subject::Job(_) => {
-                "UPDATE idempotency SET headers = '[]', body = x'' WHERE job_id = ?1"
-            }
+            Subject::Job(_) => "UPDATE idempotency SET headers = '[]', body = ?2 WHERE job_id = ?1",
             Subject::Cloud(_) => {
-                "UPDATE idempotency SET headers = '[]', body = x'' WHERE cloud_id = ?1"
+                "UPDATE idempotency SET headers = '[]', body = ?2 WHERE cloud_id = ?1"
             }
             Subject::Batch(_) => {
-                "UPDATE idempotency SET headers = '[]', body = x'' WHERE batch_id = ?1"
+                "UPDATE idempotency SET headers = '[]', body = ?2 WHERE batch_id = ?1"
             }
         };
-        sqlx::query(statement)
+        query(statement)
             .bind(erased.id())
-            .execute(&mut *self.db)
+            .bind(&[][..])
+            .execute(&mut self.db)
             .await?;
         Ok(())
     }
@@ -269,7 +269,7 @@ impl Transaction<'_> {
         mut response: StoredResponse,
     ) -> Result<()> {
         if let Some(subject) = &subject
-            && tombstones::find(&mut *self.db, tenant, subject.id())
+            && tombstones::find(&mut self.db, tenant, subject.id())
                 .await?
                 .is_some()
         {
@@ -283,7 +283,7 @@ impl Transaction<'_> {
             Some(Subject::Batch(id)) => batch = Some(id.as_str()),
             None => {}
         }
-        let completed = sqlx::query(
+        let completed = query(
             "UPDATE idempotency SET status = ?3, headers = ?4, body = ?5, job_id = ?6,
                  cloud_id = ?7, batch_id = ?9
              WHERE key = ?1 AND scope = ?2 AND tenant = ?8 AND status IS NULL",
@@ -297,7 +297,7 @@ impl Transaction<'_> {
         .bind(cloud)
         .bind(tenant.as_str())
         .bind(batch)
-        .execute(&mut *self.db)
+        .execute(&mut self.db)
         .await?;
         if completed.rows_affected() == 1 {
             Ok(())

@@ -1,8 +1,5 @@
 //! Jobs as clients see them: submitted, found, listed, cancelled, erased.
 
-use sqlx::Executor;
-use sqlx::sqlite::{Sqlite, SqliteRow};
-
 use super::act::Act;
 use super::idempotency::{Idempotency, Subject};
 use super::outcome::{Fence, Outcome};
@@ -11,7 +8,8 @@ use super::retention::keep_of;
 use super::row::{Columns, to_json};
 use super::tombstones;
 use crate::identity::{Caller, Tenant};
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{On, Row, query, scalar};
 use crate::jobs::store::{Acts, Records, Store};
 use crate::jobs::{
     BatchId, CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewEvent, NewJob, Result,
@@ -93,9 +91,9 @@ impl Records<'_> {
             .map(|(k, v)| (k.as_str(), v.as_str()))
             .unzip();
         let query = match filter.verdict {
-            None => sqlx::query(list!("?8 IS NULL")),
+            None => query(list!("?8 IS NULL")),
             // The expression of the index.
-            Some(_) => sqlx::query(list!(
+            Some(_) => query(list!(
                 "report IS NOT NULL AND json_extract(report, '$.verdict') = ?8"
             )),
         };
@@ -120,7 +118,7 @@ impl Records<'_> {
     /// Number of the tenant's jobs in each state.
     pub async fn counts(self) -> Result<Counts> {
         let select = "SELECT status, COUNT(*) AS jobs FROM jobs WHERE tenant = ?1 GROUP BY status";
-        let rows = sqlx::query(select).bind(self.tenant.as_str());
+        let rows = query(select).bind(self.tenant.as_str());
         counts_of(&rows.fetch_all(self.readers()).await?)
     }
 }
@@ -128,13 +126,13 @@ impl Records<'_> {
 impl Store {
     /// Number of the jobs of all tenants in each state.
     pub async fn counts(&self) -> Result<Counts> {
-        let rows = sqlx::query("SELECT status, COUNT(*) AS jobs FROM jobs GROUP BY status");
+        let rows = query("SELECT status, COUNT(*) AS jobs FROM jobs GROUP BY status");
         counts_of(&rows.fetch_all(self.readers()).await?)
     }
 
     /// Running jobs of all tenants, newest first.
     pub async fn running_jobs(&self, limit: u32) -> Result<Vec<Job>> {
-        sqlx::query("SELECT * FROM jobs WHERE status = 'running' ORDER BY id DESC LIMIT ?1")
+        query("SELECT * FROM jobs WHERE status = 'running' ORDER BY id DESC LIMIT ?1")
             .bind(limit)
             .fetch_all(self.readers())
             .await?
@@ -145,11 +143,9 @@ impl Store {
 
     /// When the job that has waited longest was submitted, in milliseconds since the epoch.
     pub async fn oldest_queued(&self) -> Result<Option<i64>> {
-        Ok(
-            sqlx::query_scalar("SELECT MIN(created_at) FROM jobs WHERE status = 'queued'")
-                .fetch_one(self.readers())
-                .await?,
-        )
+        scalar("SELECT MIN(created_at) FROM jobs WHERE status = 'queued'")
+            .fetch_one(self.readers())
+            .await
     }
 }
 
@@ -159,16 +155,16 @@ impl Transaction<'_> {
         id: &JobId,
         caller: &Caller,
     ) -> Result<Lookup> {
-        let Some(job) = find_job(&mut *self.db, id, &caller.tenant).await? else {
-            return find_tombstone(&mut *self.db, id, &caller.tenant).await;
+        let Some(job) = find_job(&mut self.db, id, &caller.tenant).await? else {
+            return find_tombstone(&mut self.db, id, &caller.tenant).await;
         };
         self.witness(caller, Act::JobCancel, id.as_str()).await?;
         if job.status.is_final() {
             return Ok(Lookup::Found(Box::new(job)));
         }
-        sqlx::query("UPDATE jobs SET cancel_requested = 1 WHERE id = ?1")
+        query("UPDATE jobs SET cancel_requested = 1 WHERE id = ?1")
             .bind(id.as_str())
-            .execute(&mut *self.db)
+            .execute(&mut self.db)
             .await?;
         if job.status == Status::Queued {
             self.leave(Fence::of(&job), Outcome::Cancelled).await?;
@@ -183,17 +179,17 @@ impl Transaction<'_> {
         caller: &Caller,
         batch: Option<&BatchId>,
     ) -> Result<Job> {
-        let select = "SELECT 1 FROM clouds WHERE id = ?1 AND tenant = ?2";
-        let cloud: Option<i64> = sqlx::query_scalar(select)
+        let select = "SELECT EXISTS (SELECT 1 FROM clouds WHERE id = ?1 AND tenant = ?2)";
+        let known: bool = scalar(select)
             .bind(new.cloud_id.as_str())
             .bind(caller.tenant.as_str())
-            .fetch_optional(&mut *self.db)
+            .fetch_one(&mut self.db)
             .await?;
-        if cloud.is_none() {
+        if !known {
             return Err(Error::CloudMissing(new.cloud_id.clone()));
         }
-        let waiting: i64 = sqlx::query_scalar("SELECT COALESCE(SUM(jobs), 0) FROM waiting")
-            .fetch_one(&mut *self.db)
+        let waiting: i64 = scalar("SELECT CAST(COALESCE(SUM(jobs), 0) AS BIGINT) FROM waiting")
+            .fetch_one(&mut self.db)
             .await?;
         let limit = self.options.queue_limit;
         if waiting as u64 >= limit {
@@ -201,7 +197,7 @@ impl Transaction<'_> {
         }
         self.check_job(caller).await?;
         let id = JobId::new();
-        sqlx::query(
+        query(
             "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, derived_from,
                  created_at, source, tenant, priority, cost_ms, account, keep_ms, once,
                  batch_id)
@@ -222,7 +218,7 @@ impl Transaction<'_> {
         .bind(new.keep.ms)
         .bind(new.keep.once)
         .bind(batch.map(BatchId::as_str))
-        .execute(&mut *self.db)
+        .execute(&mut self.db)
         .await?;
         let queued = NewEvent::Queued {
             position: self.queue_position(&id).await?,
@@ -234,18 +230,18 @@ impl Transaction<'_> {
 
     /// A job that is known to be here.
     pub(in crate::jobs::store) async fn load_job(&mut self, id: &JobId) -> Result<Job> {
-        let row = sqlx::query("SELECT * FROM jobs WHERE id = ?1").bind(id.as_str());
-        let row = row.fetch_optional(&mut *self.db).await?;
+        let row = query("SELECT * FROM jobs WHERE id = ?1").bind(id.as_str());
+        let row = row.fetch_optional(&mut self.db).await?;
         job_of(&row.ok_or(Error::Stale)?)
     }
 }
 
 pub(in crate::jobs::store) async fn find_job<'e>(
-    db: impl Executor<'e, Database = Sqlite>,
+    db: impl Into<On<'e>>,
     id: &JobId,
     tenant: &Tenant,
 ) -> Result<Option<Job>> {
-    let row = sqlx::query("SELECT * FROM jobs WHERE id = ?1 AND tenant = ?2")
+    let row = query("SELECT * FROM jobs WHERE id = ?1 AND tenant = ?2")
         .bind(id.as_str())
         .bind(tenant.as_str())
         .fetch_optional(db)
@@ -254,7 +250,7 @@ pub(in crate::jobs::store) async fn find_job<'e>(
 }
 
 pub(in crate::jobs::store) async fn find_tombstone<'e>(
-    db: impl Executor<'e, Database = Sqlite>,
+    db: impl Into<On<'e>>,
     id: &JobId,
     tenant: &Tenant,
 ) -> Result<Lookup> {
@@ -262,8 +258,8 @@ pub(in crate::jobs::store) async fn find_tombstone<'e>(
     Ok(tombstone.map_or(Lookup::Missing, Lookup::Gone))
 }
 
-fn counts_of(rows: &[SqliteRow]) -> Result<Counts> {
-    let count = |row: &SqliteRow| {
+fn counts_of(rows: &[Row]) -> Result<Counts> {
+    let count = |row: &Row| {
         let columns = Columns::new("jobs", row);
         Ok((status_of(columns)?, columns.count("jobs")?))
     };
@@ -275,7 +271,7 @@ fn status_of(columns: Columns<'_>) -> Result<Status> {
 }
 
 /// Reads a job from its row.
-pub(in crate::jobs::store) fn job_of(row: &SqliteRow) -> Result<Job> {
+pub(in crate::jobs::store) fn job_of(row: &Row) -> Result<Job> {
     let columns = Columns::new("jobs", row);
     Ok(Job {
         id: columns.parsed("id")?,

@@ -2,11 +2,10 @@
 
 use std::collections::HashMap;
 
-use sqlx::sqlite::SqliteRow;
-
 use super::act::Act;
 use super::row::{Columns, to_json};
 use crate::identity::{Key, Scope, file};
+use crate::jobs::store::sql::{Row, query};
 use crate::jobs::store::{Acts, Store};
 use crate::jobs::{Error, Result};
 
@@ -20,7 +19,7 @@ impl Acts<'_> {
                 Box::pin(async move {
                     let scopes: Vec<_> = key.scopes.iter().map(Scope::name).collect();
                     let networks: Vec<_> = key.networks.iter().map(ToString::to_string).collect();
-                    let inserted = sqlx::query(
+                    let inserted = query(
                         "INSERT INTO keys (id, hash, name, tenant, scopes, networks, limits, expires,
                              created_at)
                          VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9) ON CONFLICT DO NOTHING",
@@ -34,7 +33,7 @@ impl Acts<'_> {
                     .bind(to_json(&key.limits))
                     .bind(key.expires)
                     .bind(tx.now)
-                    .execute(&mut *tx.db)
+                    .execute(&mut tx.db)
                     .await?;
                     if inserted.rows_affected() == 0 {
                         return Ok(false);
@@ -52,10 +51,10 @@ impl Acts<'_> {
         self.store
             .write(move |mut tx| {
                 Box::pin(async move {
-                    let removed = sqlx::query("DELETE FROM keys WHERE id = ?1 AND tenant = ?2")
+                    let removed = query("DELETE FROM keys WHERE id = ?1 AND tenant = ?2")
                         .bind(&id)
                         .bind(caller.tenant.as_str())
-                        .execute(&mut *tx.db)
+                        .execute(&mut tx.db)
                         .await?;
                     if removed.rows_affected() == 0 {
                         return Ok(false);
@@ -71,7 +70,7 @@ impl Acts<'_> {
 impl Store {
     /// The keys of all tenants that the API made.
     pub async fn keys(&self) -> Result<Vec<Key>> {
-        let rows = sqlx::query("SELECT * FROM keys")
+        let rows = query("SELECT * FROM keys")
             .fetch_all(self.readers())
             .await?;
         rows.iter().map(key_of).collect()
@@ -80,15 +79,15 @@ impl Store {
     /// Notes that the key of this id is used now.
     pub async fn note_use(&self, key: &str) -> Result<()> {
         let key = key.to_owned();
-        self.write(move |tx| {
+        self.write(move |mut tx| {
             Box::pin(async move {
-                sqlx::query(
+                query(
                     "INSERT INTO key_uses (key, used_at) VALUES (?1, ?2)
-                     ON CONFLICT (key) DO UPDATE SET used_at = MAX(used_at, ?2)",
+                     ON CONFLICT (key) DO UPDATE SET used_at = MAX(key_uses.used_at, ?2)",
                 )
                 .bind(key)
                 .bind(tx.now)
-                .execute(tx.db)
+                .execute(&mut tx.db)
                 .await?;
                 Ok(())
             })
@@ -98,7 +97,7 @@ impl Store {
 
     /// When keys were used last, by their ids, in milliseconds since the epoch.
     pub async fn key_uses(&self) -> Result<HashMap<String, i64>> {
-        sqlx::query("SELECT * FROM key_uses")
+        query("SELECT * FROM key_uses")
             .fetch_all(self.readers())
             .await?
             .iter()
@@ -110,7 +109,7 @@ impl Store {
     }
 }
 
-fn key_of(row: &SqliteRow) -> Result<Key> {
+fn key_of(row: &Row) -> Result<Key> {
     let columns = Columns::new("keys", row);
     let scopes: Vec<String> = columns.json("scopes")?;
     let networks: Vec<String> = columns.json("networks")?;

@@ -13,7 +13,8 @@ use super::jobs::job_of;
 use super::outcome::{Fence, Outcome};
 use super::row::{Columns, integer, to_json};
 use crate::jobs::store::Store;
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{query, scalar};
 use crate::jobs::{
     Claim, Error, FailureReason, Job, JobId, Lease, NewEvent, Problem, Requeue, Result,
 };
@@ -34,7 +35,7 @@ impl Store {
                     return Ok(None);
                 };
                 tx.take_turn(&id, turn).await?;
-                let row = sqlx::query(
+                let row = query(
                     "UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = ?1,
                          lease_until = ?2 + ?3, started_at = COALESCE(started_at, ?2),
                          phase = NULL, progress = 0, eta_seconds = NULL, loss = NULL,
@@ -45,7 +46,7 @@ impl Store {
                 .bind(tx.now)
                 .bind(lease_ms)
                 .bind(id.as_str())
-                .fetch_one(&mut *tx.db)
+                .fetch_one(&mut tx.db)
                 .await?;
                 let job = job_of(&row)?;
                 let event = if job.attempt == 1 {
@@ -76,7 +77,7 @@ impl Store {
         self.write(move |mut tx| {
             Box::pin(async move {
                 tx.count_work(Fence::running(&id, attempt)).await?;
-                let cancel_requested: Option<i64> = sqlx::query_scalar(
+                let cancel_requested: Option<i64> = scalar(
                     "UPDATE jobs SET lease_until = ?3, worked_ms = MAX(worked_ms, ?4),
                          counted_at = ?5
                      WHERE id = ?1 AND attempt = ?2 AND status = 'running'
@@ -87,7 +88,7 @@ impl Store {
                 .bind(tx.now + lease_ms)
                 .bind(worked_ms)
                 .bind(tx.now)
-                .fetch_optional(&mut *tx.db)
+                .fetch_optional(&mut tx.db)
                 .await?;
                 Ok(cancel_requested.map_or(Lease::Lost, |asked| Lease::Held {
                     cancel_requested: asked != 0,
@@ -158,7 +159,7 @@ impl Store {
     /// of the workers in `spared` are left alone: whoever sees them at work needs no lease.
     pub async fn reap_expired(&self, spared: BTreeSet<String>) -> Result<Vec<JobId>> {
         // As in `claim`: the usual case takes no lock.
-        let expired: bool = sqlx::query_scalar(
+        let expired: bool = scalar(
             "SELECT EXISTS (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until < ?1)",
         )
         .bind(self.now())
@@ -169,12 +170,12 @@ impl Store {
         }
         self.write(move |mut tx| {
             Box::pin(async move {
-                let rows = sqlx::query(
+                let rows = query(
                     "SELECT id, attempt, worker FROM jobs
                      WHERE status = 'running' AND lease_until < ?1 ORDER BY created_at, id",
                 )
                 .bind(tx.now)
-                .fetch_all(&mut *tx.db)
+                .fetch_all(&mut tx.db)
                 .await?;
                 let mut reaped = Vec::with_capacity(rows.len());
                 for row in &rows {
@@ -196,7 +197,7 @@ impl Store {
     /// Cuts leases that end later than `lease_ms` milliseconds from now, which no renewal gives: the
     /// clock was set back since, and a job whose worker is gone would wait for it.
     pub async fn cut_leases(&self, lease_ms: i64) -> Result<u64> {
-        let ahead: bool = sqlx::query_scalar(
+        let ahead: bool = scalar(
             "SELECT EXISTS (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until > ?1)",
         )
         .bind(self.now() + lease_ms)
@@ -205,14 +206,14 @@ impl Store {
         if !ahead {
             return Ok(0);
         }
-        self.write(move |tx| {
+        self.write(move |mut tx| {
             Box::pin(async move {
-                let cut = sqlx::query(
+                let cut = query(
                     "UPDATE jobs SET lease_until = ?1
                      WHERE status = 'running' AND lease_until > ?1",
                 )
                 .bind(tx.now + lease_ms)
-                .execute(tx.db)
+                .execute(&mut tx.db)
                 .await?;
                 Ok(cut.rows_affected())
             })
@@ -222,7 +223,7 @@ impl Store {
 
     /// The running job that a worker of this name holds: what is to be settled when it dies.
     pub async fn held_by(&self, worker: &str) -> Result<Option<Job>> {
-        let row = sqlx::query("SELECT * FROM jobs WHERE status = 'running' AND worker = ?1")
+        let row = query("SELECT * FROM jobs WHERE status = 'running' AND worker = ?1")
             .bind(worker)
             .fetch_optional(self.readers())
             .await?;
@@ -234,7 +235,7 @@ impl Store {
     /// # Errors
     /// `Stale` if it is not.
     pub(in crate::jobs::store) async fn check_held(&self, claim: &Claim) -> Result<()> {
-        let held: bool = sqlx::query_scalar(
+        let held: bool = scalar(
             "SELECT EXISTS (SELECT 1 FROM jobs
                             WHERE id = ?1 AND attempt = ?2 AND status = 'running')",
         )
@@ -262,12 +263,12 @@ impl Transaction<'_> {
         struct Queued {
             reason: Option<Requeue>,
         }
-        let row = sqlx::query(
+        let row = query(
             "SELECT data FROM events WHERE job_id = ?1 AND event = 'job.queued'
              ORDER BY id DESC LIMIT 1",
         )
         .bind(id.as_str())
-        .fetch_one(&mut *self.db)
+        .fetch_one(&mut self.db)
         .await?;
         let queued: Queued = Columns::new("events", &row).json("data")?;
         Ok(queued.reason)
@@ -278,13 +279,12 @@ impl Transaction<'_> {
     /// # Errors
     /// `Stale` if it does not.
     pub(in crate::jobs::store) async fn held(&mut self, id: &JobId, attempt: i64) -> Result<Job> {
-        let row =
-            sqlx::query("SELECT * FROM jobs WHERE id = ?1 AND attempt = ?2 AND status = 'running'")
-                .bind(id.as_str())
-                .bind(attempt)
-                .fetch_optional(&mut *self.db)
-                .await?
-                .ok_or(Error::Stale)?;
+        let row = query("SELECT * FROM jobs WHERE id = ?1 AND attempt = ?2 AND status = 'running'")
+            .bind(id.as_str())
+            .bind(attempt)
+            .fetch_optional(&mut self.db)
+            .await?
+            .ok_or(Error::Stale)?;
         job_of(&row)
     }
 
@@ -296,11 +296,11 @@ impl Transaction<'_> {
     ) -> Result<()> {
         let job = self.held(id, attempt).await?;
         let failures = job.failures + 1;
-        sqlx::query("UPDATE jobs SET failures = ?2, failure_reason = ?3 WHERE id = ?1")
+        query("UPDATE jobs SET failures = ?2, failure_reason = ?3 WHERE id = ?1")
             .bind(id.as_str())
             .bind(failures)
             .bind(to_json(reason))
-            .execute(&mut *self.db)
+            .execute(&mut self.db)
             .await?;
         let outcome = if job.cancel_requested {
             Outcome::Cancelled

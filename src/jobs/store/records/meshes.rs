@@ -1,10 +1,9 @@
 //! Encoded meshes and trained models. Their bytes are objects.
 
-use sqlx::sqlite::SqliteRow;
-
 use super::row::{Columns, integer, of_tenant};
+use crate::jobs::store::Transaction;
 use crate::jobs::store::content::objects::Kept;
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::sql::{Row, query};
 use crate::jobs::store::{Records, Store};
 use crate::jobs::{JobId, NewMesh, Result, Verdict};
 
@@ -32,7 +31,7 @@ pub struct MeshInfo {
 impl Records<'_> {
     /// The snapshots of a job, in the order of their evaluations; without the result.
     pub async fn snapshots(self, id: &JobId) -> Result<Vec<MeshInfo>> {
-        sqlx::query(of_tenant!(
+        query(of_tenant!(
             "SELECT * FROM meshes WHERE job_id = ?1 AND evaluation > 0",
             "ORDER BY evaluation"
         ))
@@ -47,7 +46,7 @@ impl Records<'_> {
 
     /// The mesh at an evaluation; 0 is the result.
     pub async fn mesh_info(self, id: &JobId, evaluation: u64) -> Result<Option<MeshInfo>> {
-        let row = sqlx::query(of_tenant!(
+        let row = query(of_tenant!(
             "SELECT * FROM meshes WHERE job_id = ?1 AND evaluation = ?3"
         ))
         .bind(id.as_str())
@@ -71,7 +70,7 @@ impl Store {
 impl Records<'_> {
     /// The trained network (safetensors) of a job that succeeded, and its hash.
     pub async fn model(self, id: &JobId) -> Result<Option<(Vec<u8>, String)>> {
-        let row = sqlx::query(of_tenant!("SELECT * FROM models WHERE job_id = ?1"))
+        let row = query(of_tenant!("SELECT * FROM models WHERE job_id = ?1"))
             .bind(id.as_str())
             .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
@@ -101,13 +100,13 @@ impl Transaction<'_> {
                  SELECT object FROM meshes WHERE job_id = ?1 AND evaluation = ?2",
             "DELETE FROM meshes WHERE job_id = ?1 AND evaluation = ?2",
         ] {
-            sqlx::query(statement)
+            query(statement)
                 .bind(id.as_str())
                 .bind(integer(evaluation))
-                .execute(&mut *self.db)
+                .execute(&mut self.db)
                 .await?;
         }
-        sqlx::query(
+        query(
             "INSERT INTO meshes (job_id, evaluation, vertices, triangles, bytes, sha256,
                  created_at, object, verdict)
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
@@ -121,7 +120,7 @@ impl Transaction<'_> {
         .bind(self.now)
         .bind(&object.key)
         .bind(mesh.verdict.map(Verdict::name))
-        .execute(&mut *self.db)
+        .execute(&mut self.db)
         .await?;
         Ok(())
     }
@@ -134,18 +133,18 @@ impl Transaction<'_> {
         object: &Kept,
     ) -> Result<()> {
         self.may_name(object).await?;
-        sqlx::query("INSERT INTO models (job_id, object, bytes, sha256) VALUES (?1, ?2, ?3, ?4)")
+        query("INSERT INTO models (job_id, object, bytes, sha256) VALUES (?1, ?2, ?3, ?4)")
             .bind(id.as_str())
             .bind(&object.key)
             .bind(integer(object.bytes))
             .bind(sha256)
-            .execute(&mut *self.db)
+            .execute(&mut self.db)
             .await?;
         Ok(())
     }
 }
 
-fn mesh_of(row: &SqliteRow) -> Result<MeshInfo> {
+fn mesh_of(row: &Row) -> Result<MeshInfo> {
     let columns = Columns::new("meshes", row);
     Ok(MeshInfo {
         object: columns.get("object")?,

@@ -1,10 +1,9 @@
 //! The training series and the gradient histograms.
 
-use sqlx::sqlite::SqliteRow;
-
 use super::row::{Columns, integer, of_tenant, to_json};
 use crate::jobs::store::Records;
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{Row, query};
 use crate::jobs::{Error, JobId, Result};
 use crate::reconstruction::training::{GradientHistogram, Metrics};
 
@@ -16,7 +15,7 @@ impl Records<'_> {
         after_evaluation: u64,
         limit: u32,
     ) -> Result<Vec<Metrics>> {
-        sqlx::query(of_tenant!(
+        query(of_tenant!(
             "SELECT * FROM metrics WHERE job_id = ?1 AND evaluation > ?3",
             "ORDER BY evaluation LIMIT ?4"
         ))
@@ -33,7 +32,7 @@ impl Records<'_> {
 
     /// All gradient histograms of a job, in the order of their evaluations.
     pub async fn gradients(self, id: &JobId) -> Result<Vec<GradientHistogram>> {
-        sqlx::query(of_tenant!(
+        query(of_tenant!(
             "SELECT * FROM gradients WHERE job_id = ?1",
             "ORDER BY evaluation"
         ))
@@ -71,7 +70,7 @@ impl Transaction<'_> {
                 .iter()
                 .flat_map(|norm| norm.to_le_bytes())
                 .collect();
-            let inserted = sqlx::query(
+            let inserted = query(
                 "INSERT INTO metrics (job_id, evaluation, iteration, loss, validation_loss,
                      gradient_norm, step_length, weight_norms, blocks)
                  VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)
@@ -86,15 +85,15 @@ impl Transaction<'_> {
             .bind(metrics.step_length)
             .bind(weight_norms)
             .bind(metrics.blocks.map(integer))
-            .execute(&mut *self.db)
+            .execute(&mut self.db)
             .await?;
             count += inserted.rows_affected() as i64;
         }
         if count > present {
-            sqlx::query("UPDATE jobs SET metrics = ?2 WHERE id = ?1")
+            query("UPDATE jobs SET metrics = ?2 WHERE id = ?1")
                 .bind(id.as_str())
                 .bind(count)
-                .execute(&mut *self.db)
+                .execute(&mut self.db)
                 .await?;
         }
         Ok(())
@@ -107,21 +106,21 @@ impl Transaction<'_> {
         histograms: &[GradientHistogram],
     ) -> Result<()> {
         for histogram in histograms {
-            sqlx::query(
+            query(
                 "INSERT INTO gradients (job_id, evaluation, data) VALUES (?1, ?2, ?3)
                  ON CONFLICT (job_id, evaluation) DO NOTHING",
             )
             .bind(id.as_str())
             .bind(integer(histogram.evaluation))
             .bind(to_json(&histogram.layers))
-            .execute(&mut *self.db)
+            .execute(&mut self.db)
             .await?;
         }
         Ok(())
     }
 }
 
-fn metrics_of(row: &SqliteRow) -> Result<Metrics> {
+fn metrics_of(row: &Row) -> Result<Metrics> {
     let columns = Columns::new("metrics", row);
     let weight_norms: &[u8] = columns.get("weight_norms")?;
     let (norms, rest) = weight_norms.as_chunks::<8>();

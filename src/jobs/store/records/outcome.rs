@@ -3,7 +3,8 @@
 use serde_json::Value;
 
 use super::row::to_json;
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::query;
 use crate::jobs::{Error, Job, JobId, NewEvent, Problem, Requeue, Result, Status};
 
 /// Which job is meant, in which attempt and state: the fence of a change.
@@ -77,7 +78,7 @@ impl Transaction<'_> {
             Outcome::Requeued(_) | Outcome::Cancelled => (None, None),
         };
         self.count_work(fence).await?;
-        let changed = sqlx::query(
+        let changed = query(
             "UPDATE jobs SET status = ?4, finished_at = ?5, error = ?6, report = ?7,
                  worker = NULL, lease_until = NULL, counted_at = NULL, eta_seconds = NULL,
                  expires_at = ?5 + keep_ms,
@@ -91,7 +92,7 @@ impl Transaction<'_> {
         .bind(status.is_final().then_some(self.now))
         .bind(error)
         .bind(report)
-        .execute(&mut *self.db)
+        .execute(&mut self.db)
         .await?;
         if changed.rows_affected() != 1 {
             return Err(Error::Stale);

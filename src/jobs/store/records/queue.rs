@@ -6,12 +6,10 @@
 
 use std::collections::HashMap;
 
-use sqlx::sqlite::{Sqlite, SqliteConnection};
-use sqlx::{Executor, Row};
-
 use super::outcome::Fence;
 use super::row::{Columns, integer};
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{Db, On, query, scalar};
 use crate::jobs::store::{Records, Store};
 use crate::jobs::{JobId, Place, Result};
 
@@ -29,7 +27,7 @@ impl Records<'_> {
     /// Where a waiting job of the tenant stands; none when it does not wait.
     pub async fn place(self, id: &JobId) -> Result<Option<Place>> {
         let select = "SELECT EXISTS (SELECT 1 FROM jobs WHERE id = ?1 AND tenant = ?2)";
-        let own: bool = sqlx::query_scalar(select)
+        let own: bool = scalar(select)
             .bind(id.as_str())
             .bind(self.tenant.as_str())
             .fetch_one(self.readers())
@@ -38,10 +36,10 @@ impl Records<'_> {
             return Ok(None);
         }
         let mut at_once = self.readers().begin().await?;
-        let Some((position, upto_ms, cost_ms)) = place(&mut at_once, id).await? else {
+        let Some((position, upto_ms, cost_ms)) = place(&mut at_once.db(), id).await? else {
             return Ok(None);
         };
-        let running_ms = running_ms(&mut *at_once).await?;
+        let running_ms = running_ms(&mut at_once.db()).await?;
         Ok(Some(Place {
             position,
             before_ms: running_ms + upto_ms - cost_ms,
@@ -53,10 +51,9 @@ impl Records<'_> {
     /// the queue as often.
     pub async fn places(self) -> Result<HashMap<JobId, Place>> {
         let mut before_ms = running_ms(self.readers()).await?;
-        let rows =
-            sqlx::query("SELECT id, tenant, cost_ms FROM queue ORDER BY turn, created_at, id")
-                .fetch_all(self.readers())
-                .await?;
+        let rows = query("SELECT id, tenant, cost_ms FROM queue ORDER BY turn, created_at, id")
+            .fetch_all(self.readers())
+            .await?;
         let mut places = HashMap::new();
         for (position, row) in (1..).zip(&rows) {
             let columns = Columns::new("jobs", row);
@@ -78,11 +75,11 @@ impl Records<'_> {
 impl Store {
     /// Forgets worked time that no limit looks at any more.
     pub async fn forget_compute(&self) -> Result<()> {
-        self.write(|tx| {
+        self.write(|mut tx| {
             Box::pin(async move {
-                sqlx::query("DELETE FROM compute WHERE day < ?1")
+                query("DELETE FROM compute WHERE day < ?1")
                     .bind(tx.now.div_euclid(DAY_MS) - COMPUTE_DAYS)
-                    .execute(tx.db)
+                    .execute(&mut tx.db)
                     .await?;
                 Ok(())
             })
@@ -95,7 +92,7 @@ impl Transaction<'_> {
     /// The job that is next, and its turn: the first in the view `queue`. It is the first of its tenant,
     /// so that only those are compared.
     pub(in crate::jobs::store) async fn next_in_queue(&mut self) -> Result<Option<(JobId, i64)>> {
-        let row = sqlx::query(
+        let row = query(
             "SELECT first.id,
                  MAX(COALESCE((SELECT served_ms FROM turns WHERE turns.tenant = first.tenant), 0),
                      (SELECT turn FROM now_served)) AS turn
@@ -105,7 +102,7 @@ impl Transaction<'_> {
                   ORDER BY priority DESC, created_at, id LIMIT 1)
              ORDER BY turn, created_at, first.id LIMIT 1",
         )
-        .fetch_optional(&mut *self.db)
+        .fetch_optional(&mut self.db)
         .await?;
         let Some(row) = row else {
             return Ok(None);
@@ -116,49 +113,49 @@ impl Transaction<'_> {
 
     /// Moves the service to the turn of a claimed job, and its tenant beyond it.
     pub(in crate::jobs::store) async fn take_turn(&mut self, id: &JobId, turn: i64) -> Result<()> {
-        sqlx::query("UPDATE now_served SET turn = ?1")
+        query("UPDATE now_served SET turn = ?1")
             .bind(turn)
-            .execute(&mut *self.db)
+            .execute(&mut self.db)
             .await?;
-        sqlx::query(
+        query(
             "INSERT INTO turns (tenant, served_ms)
                  SELECT tenant, ?2 + cost_ms FROM jobs WHERE id = ?1
              ON CONFLICT (tenant) DO UPDATE SET served_ms = excluded.served_ms",
         )
         .bind(id.as_str())
         .bind(turn)
-        .execute(&mut *self.db)
+        .execute(&mut self.db)
         .await?;
         Ok(())
     }
 
     /// Gives a tenant its turn back: its job was interrupted through no fault of its own.
     pub(in crate::jobs::store) async fn give_turn_back(&mut self, id: &JobId) -> Result<()> {
-        sqlx::query(
+        query(
             "UPDATE turns SET served_ms =
                  MAX(served_ms - (SELECT cost_ms FROM jobs WHERE id = ?1), 0)
              WHERE tenant = (SELECT tenant FROM jobs WHERE id = ?1)",
         )
         .bind(id.as_str())
-        .execute(&mut *self.db)
+        .execute(&mut self.db)
         .await?;
         Ok(())
     }
 
     /// Adds the time since it was last counted to what was worked for whom submitted a running job.
     pub(in crate::jobs::store) async fn count_work(&mut self, fence: Fence<'_>) -> Result<()> {
-        sqlx::query(
+        query(
             "INSERT INTO compute (day, tenant, account, ms)
                  SELECT ?2, tenant, account, MIN(MAX(?3 - counted_at, 0), ?4) FROM jobs
                  WHERE id = ?1 AND attempt = ?5 AND counted_at IS NOT NULL
-             ON CONFLICT (day, tenant, account) DO UPDATE SET ms = ms + excluded.ms",
+             ON CONFLICT (day, tenant, account) DO UPDATE SET ms = compute.ms + excluded.ms",
         )
         .bind(fence.id.as_str())
         .bind(self.now.div_euclid(DAY_MS))
         .bind(self.now)
         .bind(LONGEST_COUNT_MS)
         .bind(fence.attempt)
-        .execute(&mut *self.db)
+        .execute(&mut self.db)
         .await?;
         Ok(())
     }
@@ -168,7 +165,7 @@ impl Transaction<'_> {
         &mut self,
         id: &JobId,
     ) -> Result<Option<u64>> {
-        let place = place(&mut *self.db, id).await?;
+        let place = place(&mut self.db, id).await?;
         Ok(place.map(|(position, ..)| position))
     }
 }
@@ -178,13 +175,15 @@ impl Transaction<'_> {
 /// A submit asks for this, so that it must not cost more the more jobs wait. What is before a job of
 /// its own tenant are the sums without the jobs behind it, of which a new one has none; and the jobs
 /// of others are looked at only where there are any.
-async fn place(db: &mut SqliteConnection, id: &JobId) -> Result<Option<(u64, u64, u64)>> {
-    let own = sqlx::query(
+async fn place(db: &mut Db<'_>, id: &JobId) -> Result<Option<(u64, u64, u64)>> {
+    let own = query(
         "WITH own AS (SELECT * FROM jobs WHERE id = ?1 AND status = 'queued'),
-             upto AS (SELECT SUM(waiting.jobs) AS jobs, SUM(waiting.cost_ms) AS cost_ms
+             upto AS (SELECT CAST(SUM(waiting.jobs) AS BIGINT) AS jobs,
+                             CAST(SUM(waiting.cost_ms) AS BIGINT) AS cost_ms
                       FROM own JOIN waiting
                           ON waiting.tenant = own.tenant AND waiting.priority >= own.priority),
-             behind AS (SELECT COUNT(*) AS jobs, COALESCE(SUM(later.cost_ms), 0) AS cost_ms
+             behind AS (SELECT COUNT(*) AS jobs,
+                               CAST(COALESCE(SUM(later.cost_ms), 0) AS BIGINT) AS cost_ms
                         FROM own JOIN jobs AS later INDEXED BY jobs_waiting
                             ON later.status = 'queued' AND later.tenant = own.tenant
                                AND later.priority = own.priority
@@ -210,13 +209,11 @@ async fn place(db: &mut SqliteConnection, id: &JobId) -> Result<Option<(u64, u64
     );
     let tenant = own.get::<&str>("tenant")?;
     let others = "SELECT EXISTS (SELECT 1 FROM waiting WHERE tenant <> ?1)";
-    let others: bool = sqlx::query_scalar(others)
-        .bind(tenant)
-        .fetch_one(&mut *db)
-        .await?;
+    let others: bool = scalar(others).bind(tenant).fetch_one(&mut *db).await?;
     if others {
-        let others = sqlx::query(
-            "SELECT COUNT(*) AS position, COALESCE(SUM(cost_ms), 0) AS upto_ms FROM queue
+        let others = query(
+            "SELECT COUNT(*) AS position, CAST(COALESCE(SUM(cost_ms), 0) AS BIGINT) AS upto_ms
+             FROM queue
              WHERE tenant <> ?1 AND (turn, created_at, id) <= (?2, ?3, ?4)",
         )
         .bind(tenant)
@@ -233,14 +230,15 @@ async fn place(db: &mut SqliteConnection, id: &JobId) -> Result<Option<(u64, u64
 }
 
 /// Estimated work that is left of the running jobs, in milliseconds.
-async fn running_ms<'e>(db: impl Executor<'e, Database = Sqlite>) -> Result<u64> {
-    let row = sqlx::query(
-        "SELECT TOTAL(COALESCE(1000.0 * eta_seconds, cost_ms)) FROM jobs
+async fn running_ms<'e>(db: impl Into<On<'e>>) -> Result<u64> {
+    let row = query(
+        "SELECT CAST(COALESCE(SUM(COALESCE(1000.0 * eta_seconds, cost_ms)), 0) AS DOUBLE PRECISION)
+         FROM jobs
          WHERE status = 'running'",
     )
     .fetch_one(db)
     .await?;
-    let left: f64 = row.try_get(0)?;
+    let left: f64 = row.at(0)?;
     Ok(left.max(0.0) as u64)
 }
 

@@ -5,7 +5,8 @@ use std::borrow::Cow;
 
 use super::queue::DAY_MS;
 use crate::identity::{Caller, Holder, Measure, Policy};
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::scalar;
 use crate::jobs::{Error, Result};
 
 /// Seconds after which it is worth to try again where nothing tells when there will be room.
@@ -62,27 +63,28 @@ impl Transaction<'_> {
                  WHERE status = 'queued' AND tenant = ?1 AND (?2 = '' OR account = ?2)"
             }
             Measure::Compute => {
-                "SELECT COALESCE(SUM(ms), 0) / 1000 FROM compute
+                "SELECT CAST(COALESCE(SUM(ms), 0) AS BIGINT) / 1000 FROM compute
                  WHERE day = ?3 AND tenant = ?1 AND (?2 = '' OR account = ?2)"
             }
             // Clouds of all keys of the tenant are shared, so they are the tenant's alone.
             Measure::Stored => {
-                "SELECT (SELECT COALESCE(SUM(bytes), 0) FROM clouds WHERE tenant = ?1)
+                "SELECT CAST((SELECT COALESCE(SUM(bytes), 0) FROM clouds WHERE tenant = ?1)
                       + (SELECT COALESCE(SUM(meshes.bytes), 0) FROM jobs
                          JOIN meshes ON meshes.job_id = jobs.id WHERE jobs.tenant = ?1)
                       + (SELECT COALESCE(SUM(models.bytes), 0) FROM jobs
-                         JOIN models ON models.job_id = jobs.id WHERE jobs.tenant = ?1)"
+                         JOIN models ON models.job_id = jobs.id WHERE jobs.tenant = ?1)
+                      AS BIGINT)"
             }
         };
         let account = match policy.holder {
             Holder::Tenant => Cow::Borrowed(""),
             Holder::Account => caller.account(),
         };
-        let taken: i64 = sqlx::query_scalar(statement)
+        let taken: i64 = scalar(statement)
             .bind(caller.tenant.as_str())
             .bind(account)
             .bind(self.now.div_euclid(DAY_MS))
-            .fetch_one(&mut *self.db)
+            .fetch_one(&mut self.db)
             .await?;
         Ok(taken.max(0) as u64)
     }

@@ -4,15 +4,14 @@
 
 use std::str::FromStr;
 
-use sqlx::sqlite::SqliteRow;
-
 use super::act::Act;
 use super::clouds::cloud_of;
 use super::idempotency::Subject;
 use super::jobs::{find_job, find_tombstone};
 use super::row::Columns;
 use crate::identity::{Caller, Tenant};
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{Row, query, scalar};
 use crate::jobs::store::{Acts, Store};
 use crate::jobs::{
     Cloud, CloudDeletion, CloudId, Error, JobId, Keep, KeepChange, Lookup, Reason, Result,
@@ -113,15 +112,15 @@ impl Acts<'_> {
         self.store
             .write(move |mut tx| {
                 Box::pin(async move {
-                    let Some(job) = find_job(&mut *tx.db, &id, &caller.tenant).await? else {
-                        return find_tombstone(&mut *tx.db, &id, &caller.tenant).await;
+                    let Some(job) = find_job(&mut tx.db, &id, &caller.tenant).await? else {
+                        return find_tombstone(&mut tx.db, &id, &caller.tenant).await;
                     };
                     let keep = change.keep.unwrap_or(job.keep);
                     let ends = match change.keep {
                         Some(keep) if job.status.is_final() => keep.ms.map(|ms| tx.now + ms),
                         _ => job.expires_at,
                     };
-                    sqlx::query(
+                    query(
                         "UPDATE jobs SET hold = ?2, keep_ms = ?3, once = ?4, expires_at = ?5,
                                          priority = ?6
                          WHERE id = ?1",
@@ -132,7 +131,7 @@ impl Acts<'_> {
                     .bind(keep.once)
                     .bind(ends)
                     .bind(change.priority.unwrap_or(job.priority))
-                    .execute(&mut *tx.db)
+                    .execute(&mut tx.db)
                     .await?;
                     tx.witness(&caller, Act::JobKeep, id.as_str()).await?;
                     Ok(Lookup::Found(Box::new(tx.load_job(&id).await?)))
@@ -148,9 +147,9 @@ impl Acts<'_> {
         self.store
             .write(move |mut tx| {
                 Box::pin(async move {
-                    let row = sqlx::query(
+                    let row = query(
                         "UPDATE clouds SET hold = COALESCE(?3, hold),
-                             expires_at = CASE WHEN ?4 THEN ?5 + ?6 ELSE expires_at END
+                             expires_at = CASE WHEN ?4 = 1 THEN ?5 + ?6 ELSE expires_at END
                          WHERE id = ?1 AND tenant = ?2 RETURNING *",
                     )
                     .bind(id.as_str())
@@ -159,7 +158,7 @@ impl Acts<'_> {
                     .bind(change.keep.is_some())
                     .bind(tx.now)
                     .bind(change.keep.and_then(|keep| keep.ms))
-                    .fetch_optional(&mut *tx.db)
+                    .fetch_optional(&mut tx.db)
                     .await?;
                     let Some(row) = row else { return Ok(None) };
                     tx.witness(&caller, Act::CloudKeep, id.as_str()).await?;
@@ -179,12 +178,12 @@ impl Acts<'_> {
                     // MAX of NULL, which is for ever, is NULL.
                     let update = "UPDATE clouds SET expires_at = MAX(expires_at, ?3 + ?4)
                                   WHERE id = ?1 AND tenant = ?2";
-                    sqlx::query(update)
+                    query(update)
                         .bind(id.as_str())
                         .bind(caller.tenant.as_str())
                         .bind(tx.now)
                         .bind(keep_ms)
-                        .execute(&mut *tx.db)
+                        .execute(&mut tx.db)
                         .await?;
                     tx.witness(&caller, Act::CloudMatch, id.as_str()).await
                 })
@@ -197,16 +196,16 @@ impl Store {
     /// The mesh of a job was sent whole: one that goes with that goes soon.
     pub async fn fetched(&self, id: &JobId, tenant: &Tenant) -> Result<()> {
         let (id, tenant) = (id.clone(), tenant.clone());
-        self.write(move |tx| {
+        self.write(move |mut tx| {
             Box::pin(async move {
                 let soon = tx.now + GRACE_MS;
                 let update = "UPDATE jobs SET expires_at = MIN(COALESCE(expires_at, ?3), ?3)
                               WHERE id = ?1 AND tenant = ?2 AND once = 1";
-                sqlx::query(update)
+                query(update)
                     .bind(id.as_str())
                     .bind(tenant.as_str())
                     .bind(soon)
-                    .execute(tx.db)
+                    .execute(&mut tx.db)
                     .await?;
                 Ok(())
             })
@@ -240,9 +239,9 @@ impl Store {
     where
         T: FromStr<Err: ToString>,
     {
-        let rows = sqlx::query(select).bind(self.now()).bind(limit);
+        let rows = query(select).bind(self.now()).bind(limit);
         let rows = rows.fetch_all(self.readers()).await?;
-        let named = |row: &SqliteRow| {
+        let named = |row: &Row| {
             let columns = Columns::new(table, row);
             Ok((columns.parsed("id")?, columns.parsed("tenant")?))
         };
@@ -252,8 +251,8 @@ impl Store {
 
 impl Transaction<'_> {
     async fn erase_job(&mut self, id: &JobId, caller: &Caller, reason: Reason) -> Result<Lookup> {
-        let Some(job) = find_job(&mut *self.db, id, &caller.tenant).await? else {
-            return find_tombstone(&mut *self.db, id, &caller.tenant).await;
+        let Some(job) = find_job(&mut self.db, id, &caller.tenant).await? else {
+            return find_tombstone(&mut self.db, id, &caller.tenant).await;
         };
         self.check_erasable(job.hold, job.expires_at, reason)?;
         // Foreign keys are enforced: if a table were missing here, the last statement would fail.
@@ -269,9 +268,9 @@ impl Transaction<'_> {
             "DELETE FROM events WHERE job_id = ?1",
             "DELETE FROM jobs WHERE id = ?1",
         ] {
-            sqlx::query(statement)
+            query(statement)
                 .bind(id.as_str())
-                .execute(&mut *self.db)
+                .execute(&mut self.db)
                 .await?;
         }
         self.empty_answers(&Subject::Job(id.clone())).await?;
@@ -290,23 +289,23 @@ impl Transaction<'_> {
         caller: &Caller,
         reason: Reason,
     ) -> Result<CloudDeletion> {
-        let row = sqlx::query("SELECT * FROM clouds WHERE id = ?1 AND tenant = ?2")
+        let row = query("SELECT * FROM clouds WHERE id = ?1 AND tenant = ?2")
             .bind(id.as_str())
             .bind(caller.tenant.as_str())
-            .fetch_optional(&mut *self.db)
+            .fetch_optional(&mut self.db)
             .await?;
         let Some(row) = row else {
             return Ok(CloudDeletion::Missing);
         };
         let cloud = cloud_of(&row)?;
         self.check_erasable(cloud.hold, cloud.expires_at, reason)?;
-        let in_use: bool = sqlx::query_scalar(
+        let in_use: bool = scalar(
             "SELECT EXISTS (SELECT 1 FROM jobs
              WHERE cloud_id = ?1 AND tenant = ?2 AND status IN ('queued', 'running'))",
         )
         .bind(id.as_str())
         .bind(caller.tenant.as_str())
-        .fetch_one(&mut *self.db)
+        .fetch_one(&mut self.db)
         .await?;
         if in_use {
             return Ok(CloudDeletion::InUse);
@@ -315,9 +314,9 @@ impl Transaction<'_> {
             "DELETE FROM clouds WHERE id = ?1",
             "UPDATE jobs SET cloud_erased = 1 WHERE cloud_id = ?1",
         ] {
-            sqlx::query(statement)
+            query(statement)
                 .bind(id.as_str())
-                .execute(&mut *self.db)
+                .execute(&mut self.db)
                 .await?;
         }
         self.empty_answers(&Subject::Cloud(id.clone())).await?;
@@ -333,12 +332,12 @@ impl Transaction<'_> {
         id: &CloudId,
         caller: &Caller,
     ) -> Result<Option<Cloud>> {
-        let named: bool = sqlx::query_scalar(
+        let named: bool = scalar(
             "SELECT EXISTS (SELECT 1 FROM jobs WHERE cloud_id = ?1)
                  OR EXISTS (SELECT 1 FROM clouds WHERE id = ?1 AND hold = 1)",
         )
         .bind(id.as_str())
-        .fetch_one(&mut *self.db)
+        .fetch_one(&mut self.db)
         .await?;
         if named {
             return Ok(None);

@@ -3,10 +3,9 @@
 use std::str::FromStr;
 
 use serde::de::DeserializeOwned;
-use sqlx::sqlite::{Sqlite, SqliteRow};
-use sqlx::{Decode, Row, Type};
 
 use crate::jobs::store::content::objects::Kept;
+use crate::jobs::store::sql::{Column, Row};
 use crate::jobs::{Error, Result};
 
 /// A statement about what belongs to the job `?1`, if that is the tenant's, `?2`.
@@ -25,21 +24,21 @@ pub(in crate::jobs::store) use of_tenant;
 #[derive(Clone, Copy)]
 pub(in crate::jobs::store) struct Columns<'r> {
     table: &'static str,
-    row: &'r SqliteRow,
+    row: &'r Row,
 }
 
 impl<'r> Columns<'r> {
-    pub(in crate::jobs::store) fn new(table: &'static str, row: &'r SqliteRow) -> Self {
+    pub(in crate::jobs::store) fn new(table: &'static str, row: &'r Row) -> Self {
         Self { table, row }
     }
 
     /// The value as it is.
     pub(in crate::jobs::store) fn get<T>(self, column: &'static str) -> Result<T>
     where
-        T: Decode<'r, Sqlite> + Type<Sqlite>,
+        T: Column<'r>,
     {
         self.row
-            .try_get(column)
+            .named(column)
             .map_err(Error::inconsistent(self.table, column))
     }
 
@@ -48,7 +47,7 @@ impl<'r> Columns<'r> {
         u64::try_from(self.get::<i64>(column)?).map_err(Error::inconsistent(self.table, column))
     }
 
-    /// A floating-point number; NULL, which is how `SQLite` keeps one that is not a number, is NaN.
+    /// A floating-point number; NULL, which is how one is kept that is not a number, is NaN.
     pub(in crate::jobs::store) fn float(self, column: &'static str) -> Result<f64> {
         Ok(self.get::<Option<f64>>(column)?.unwrap_or(f64::NAN))
     }
@@ -116,7 +115,7 @@ pub(in crate::jobs::store) fn to_json<T: serde::Serialize>(value: &T) -> String 
     serde_json::to_string(value).expect("our own types have string keys only")
 }
 
-/// A count as `SQLite` keeps it; what is larger than 2⁶³ does not occur and is cut there.
+/// A count as the databases keep it; what is larger than 2⁶³ does not occur and is cut there.
 pub(in crate::jobs::store) fn integer(count: u64) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)
 }

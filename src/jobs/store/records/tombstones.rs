@@ -1,12 +1,10 @@
 //! What stays of erased jobs, batches, clouds and uploads.
 
-use sqlx::Executor;
-use sqlx::sqlite::Sqlite;
-
 use super::row::Columns;
 use crate::identity::Tenant;
 use crate::jobs::store::Records;
-use crate::jobs::store::sqlite::writer::Transaction;
+use crate::jobs::store::Transaction;
+use crate::jobs::store::sql::{On, query};
 use crate::jobs::{BatchId, CloudId, Reason, Result, Tombstone, UploadId};
 
 impl Records<'_> {
@@ -36,12 +34,12 @@ impl Transaction<'_> {
     ) -> Result<()> {
         let insert =
             "INSERT INTO tombstones (id, deleted_at, reason, tenant) VALUES (?1, ?2, ?3, ?4)";
-        sqlx::query(insert)
+        query(insert)
             .bind(id)
             .bind(self.now)
             .bind(reason.name())
             .bind(tenant.as_str())
-            .execute(&mut *self.db)
+            .execute(&mut self.db)
             .await?;
         Ok(())
     }
@@ -49,11 +47,11 @@ impl Transaction<'_> {
 
 /// The tombstone of the tenant's job or cloud of the given name.
 pub(in crate::jobs::store) async fn find<'e>(
-    db: impl Executor<'e, Database = Sqlite>,
+    db: impl Into<On<'e>>,
     tenant: &Tenant,
     id: &str,
 ) -> Result<Option<Tombstone>> {
-    let row = sqlx::query("SELECT * FROM tombstones WHERE id = ?1 AND tenant = ?2")
+    let row = query("SELECT * FROM tombstones WHERE id = ?1 AND tenant = ?2")
         .bind(id)
         .bind(tenant.as_str())
         .fetch_optional(db)

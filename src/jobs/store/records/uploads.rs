@@ -1,11 +1,10 @@
 //! Rows of uploads that may go on after they were cut. The files are the caller's: in place before the
 //! row, removed after it; and bytes are on the disk before the row counts them.
 
-use sqlx::sqlite::SqliteRow;
-
 use super::act::Act;
 use super::row::{Columns, integer, to_json};
 use crate::identity::Tenant;
+use crate::jobs::store::sql::{Row, query, scalar};
 use crate::jobs::store::{Acts, Records, Store};
 use crate::jobs::{CloudId, Error, NewUpload, Reason, Result, Step, Upload, UploadEnd, UploadId};
 use crate::reconstruction::cloud::Format;
@@ -18,14 +17,14 @@ impl Acts<'_> {
             .write(move |mut tx| {
                 Box::pin(async move {
                     let count = "SELECT COUNT(*) FROM uploads WHERE tenant = ?1 AND complete = 0";
-                    let open: i64 = sqlx::query_scalar(count)
+                    let open: i64 = scalar(count)
                         .bind(caller.tenant.as_str())
-                        .fetch_one(&mut *tx.db)
+                        .fetch_one(&mut tx.db)
                         .await?;
                     if open >= i64::from(most) {
                         return Ok(None);
                     }
-                    let row = sqlx::query(
+                    let row = query(
                         "INSERT INTO uploads (id, tenant, length, format, assume_orientation,
                              created_at, expires_at)
                          VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?6 + ?7) RETURNING *",
@@ -37,7 +36,7 @@ impl Acts<'_> {
                     .bind(new.assume_orientation)
                     .bind(tx.now)
                     .bind(new.keep_ms)
-                    .fetch_one(&mut *tx.db)
+                    .fetch_one(&mut tx.db)
                     .await?;
                     tx.witness(&caller, Act::UploadCreate, new.id.as_str())
                         .await?;
@@ -54,9 +53,9 @@ impl Acts<'_> {
     pub async fn advance_upload(self, id: &UploadId, step: Step) -> Result<Upload> {
         let (id, tenant) = (id.clone(), self.caller.tenant.clone());
         self.store
-            .write(move |tx| {
+            .write(move |mut tx| {
                 Box::pin(async move {
-                    let row = sqlx::query(
+                    let row = query(
                         "UPDATE uploads SET bytes = ?4, length = ?5, complete = ?6,
                              expires_at = ?7 + ?8
                          WHERE id = ?1 AND tenant = ?2 AND bytes = ?3 AND complete = 0
@@ -70,7 +69,7 @@ impl Acts<'_> {
                     .bind(step.complete)
                     .bind(tx.now)
                     .bind(step.keep_ms)
-                    .fetch_optional(tx.db)
+                    .fetch_optional(&mut tx.db)
                     .await?;
                     upload_of(&row.ok_or(Error::Stale)?)
                 })
@@ -85,13 +84,13 @@ impl Acts<'_> {
     pub async fn end_upload(self, id: &UploadId, end: UploadEnd) -> Result<()> {
         let (id, tenant) = (id.clone(), self.caller.tenant.clone());
         self.store
-            .write(move |tx| {
+            .write(move |mut tx| {
                 Box::pin(async move {
                     let (cloud, error) = match &end {
                         UploadEnd::Cloud(id) => (Some(id.as_str()), None),
                         UploadEnd::Refused(problem) => (None, Some(to_json(problem))),
                     };
-                    let ended = sqlx::query(
+                    let ended = query(
                         "UPDATE uploads SET cloud_id = ?3, error = ?4
                          WHERE id = ?1 AND tenant = ?2 AND complete = 1
                            AND cloud_id IS NULL AND error IS NULL",
@@ -100,7 +99,7 @@ impl Acts<'_> {
                     .bind(tenant.as_str())
                     .bind(cloud)
                     .bind(error)
-                    .execute(tx.db)
+                    .execute(&mut tx.db)
                     .await?;
                     if ended.rows_affected() == 1 {
                         Ok(())
@@ -121,10 +120,10 @@ impl Acts<'_> {
                 Box::new(move |mut tx| {
                     Box::pin(async move {
                         let delete = "DELETE FROM uploads WHERE id = ?1 AND tenant = ?2";
-                        let deleted = sqlx::query(delete)
+                        let deleted = query(delete)
                             .bind(id.as_str())
                             .bind(caller.tenant.as_str())
-                            .execute(&mut *tx.db)
+                            .execute(&mut tx.db)
                             .await?;
                         if deleted.rows_affected() == 0 {
                             return Ok(false);
@@ -143,7 +142,7 @@ impl Acts<'_> {
 impl Records<'_> {
     /// The upload of the given name.
     pub async fn upload(self, id: &UploadId) -> Result<Option<Upload>> {
-        let row = sqlx::query("SELECT * FROM uploads WHERE id = ?1 AND tenant = ?2")
+        let row = query("SELECT * FROM uploads WHERE id = ?1 AND tenant = ?2")
             .bind(id.as_str())
             .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
@@ -155,9 +154,9 @@ impl Records<'_> {
 impl Store {
     /// Bytes that uploads of all tenants have announced and not sent yet.
     pub async fn announced_bytes(&self) -> Result<u64> {
-        let select = "SELECT COALESCE(SUM(MAX(length - bytes, 0)), 0) FROM uploads
+        let select = "SELECT CAST(COALESCE(SUM(MAX(length - bytes, 0)), 0) AS BIGINT) FROM uploads
                       WHERE complete = 0 AND length IS NOT NULL";
-        let bytes: i64 = sqlx::query_scalar(select).fetch_one(self.readers()).await?;
+        let bytes: i64 = scalar(select).fetch_one(self.readers()).await?;
         Ok(bytes.unsigned_abs())
     }
 
@@ -165,7 +164,7 @@ impl Store {
     pub async fn unsettled_uploads(&self) -> Result<Vec<Upload>> {
         let select = "SELECT * FROM uploads
                       WHERE complete = 1 AND cloud_id IS NULL AND error IS NULL ORDER BY id";
-        let rows = sqlx::query(select).fetch_all(self.readers()).await?;
+        let rows = query(select).fetch_all(self.readers()).await?;
         rows.iter().map(upload_of).collect()
     }
 
@@ -179,11 +178,11 @@ impl Store {
     /// Names of the uploads of all tenants that have files: one with another name is an orphan.
     pub async fn uploads_with_files(&self) -> Result<Vec<String>> {
         let select = "SELECT id FROM uploads WHERE cloud_id IS NULL AND error IS NULL ORDER BY id";
-        Ok(sqlx::query_scalar(select).fetch_all(self.readers()).await?)
+        scalar(select).fetch_all(self.readers()).await
     }
 }
 
-fn upload_of(row: &SqliteRow) -> Result<Upload> {
+fn upload_of(row: &Row) -> Result<Upload> {
     let columns = Columns::new("uploads", row);
     let cloud: Option<CloudId> = columns.name("cloud_id")?;
     let refused = columns.optional_json("error")?;

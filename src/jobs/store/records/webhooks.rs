@@ -1,9 +1,8 @@
 //! Webhooks: made, found, listed, changed, removed.
 
-use sqlx::sqlite::SqliteRow;
-
 use super::act::Act;
 use super::row::{Columns, to_json};
+use crate::jobs::store::sql::{Row, query};
 use crate::jobs::store::{Acts, Records};
 use crate::jobs::{NewWebhook, News, Result, Webhook, WebhookChange, WebhookId, WebhookState};
 
@@ -15,7 +14,7 @@ impl Acts<'_> {
             .write(move |mut tx| {
                 Box::pin(async move {
                     let id = WebhookId::new();
-                    let row = sqlx::query(
+                    let row = query(
                         "INSERT INTO webhooks (id, tenant, url, events, secret, created_at)
                          SELECT ?1, ?2, ?3, ?4, ?5, ?6
                          WHERE (SELECT COUNT(*) FROM webhooks WHERE tenant = ?2) < ?7
@@ -28,7 +27,7 @@ impl Acts<'_> {
                     .bind(&new.secret)
                     .bind(tx.now)
                     .bind(most)
-                    .fetch_optional(&mut *tx.db)
+                    .fetch_optional(&mut tx.db)
                     .await?;
                     if row.is_some() {
                         tx.witness(&caller, Act::WebhookCreate, id.as_str()).await?;
@@ -59,12 +58,12 @@ impl Acts<'_> {
                     });
                     let tried_anew = change.url.is_some() || change.enabled == Some(true);
                     let (secret, old_ms) = change.secret.unzip();
-                    let row = sqlx::query(
+                    let row = query(
                         "UPDATE webhooks SET
                              url = COALESCE(?3, url),
                              events = COALESCE(?4, events),
                              state = COALESCE(?5, state),
-                             wait_until = CASE WHEN ?6 THEN 0 ELSE wait_until END,
+                             wait_until = CASE WHEN ?6 = 1 THEN 0 ELSE wait_until END,
                              old_secret = CASE WHEN ?7 IS NULL THEN old_secret ELSE secret END,
                              old_until = COALESCE(?8, old_until),
                              secret = COALESCE(?7, secret)
@@ -79,7 +78,7 @@ impl Acts<'_> {
                     .bind(tried_anew)
                     .bind(secret)
                     .bind(old_ms.map(|ms| tx.now + ms))
-                    .fetch_optional(&mut *tx.db)
+                    .fetch_optional(&mut tx.db)
                     .await?;
                     if row.is_some() {
                         tx.witness(&caller, Act::WebhookChange, id.as_str()).await?;
@@ -96,10 +95,10 @@ impl Acts<'_> {
         self.store
             .write(move |mut tx| {
                 Box::pin(async move {
-                    let removed = sqlx::query("DELETE FROM webhooks WHERE id = ?1 AND tenant = ?2")
+                    let removed = query("DELETE FROM webhooks WHERE id = ?1 AND tenant = ?2")
                         .bind(id.as_str())
                         .bind(caller.tenant.as_str())
-                        .execute(&mut *tx.db)
+                        .execute(&mut tx.db)
                         .await?;
                     if removed.rows_affected() == 0 {
                         return Ok(false);
@@ -115,7 +114,7 @@ impl Acts<'_> {
 impl Records<'_> {
     /// The webhook of the given name.
     pub async fn webhook(self, id: &WebhookId) -> Result<Option<Webhook>> {
-        let row = sqlx::query("SELECT * FROM webhooks WHERE id = ?1 AND tenant = ?2")
+        let row = query("SELECT * FROM webhooks WHERE id = ?1 AND tenant = ?2")
             .bind(id.as_str())
             .bind(self.tenant.as_str())
             .fetch_optional(self.readers())
@@ -125,7 +124,7 @@ impl Records<'_> {
 
     /// All webhooks of the tenant, oldest first.
     pub async fn webhooks(self) -> Result<Vec<Webhook>> {
-        let rows = sqlx::query("SELECT * FROM webhooks WHERE tenant = ?1 ORDER BY id")
+        let rows = query("SELECT * FROM webhooks WHERE tenant = ?1 ORDER BY id")
             .bind(self.tenant.as_str())
             .fetch_all(self.readers())
             .await?;
@@ -138,7 +137,7 @@ fn names(events: &[News]) -> String {
     to_json(&names)
 }
 
-fn webhook_of(row: &SqliteRow) -> Result<Webhook> {
+fn webhook_of(row: &Row) -> Result<Webhook> {
     let columns = Columns::new("webhooks", row);
     let events: Vec<String> = columns.json("events")?;
     let events = events

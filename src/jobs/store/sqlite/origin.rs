@@ -6,6 +6,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
 use crate::jobs::Result;
+use crate::jobs::store::sql::{either, scalar};
 use crate::jobs::store::{DATABASE_FILE, Store};
 
 /// Whether the folder holds a database that some version of this program made. Writes nothing.
@@ -42,10 +43,12 @@ pub async fn is_ours(data_dir: &Path) -> Result<bool> {
 impl Store {
     /// When the database was made, in whole seconds since the epoch by the clock of the machine.
     pub async fn made_at(&self) -> Result<i64> {
-        Ok(sqlx::query_scalar(
+        scalar(either(
             "SELECT CAST(strftime('%s', MIN(installed_on)) AS INTEGER) FROM _sqlx_migrations",
-        )
+            "SELECT CAST(FLOOR(EXTRACT(EPOCH FROM MIN(installed_on))) AS BIGINT)
+             FROM _sqlx_migrations",
+        ))
         .fetch_one(self.readers())
-        .await?)
+        .await
     }
 }

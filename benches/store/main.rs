@@ -1,0 +1,162 @@
+//! What the store writes in a second, alone and with many at a time: on `SQLite`, and on Postgres where
+//! `MESHWAY_TEST_DATABASE` names a server. `scripts/postgres.sh` starts one, which flushes nothing to the
+//! disk unless `FSYNC=on`.
+//!
+//! Prints a Markdown table. Takes about a minute.
+#![expect(clippy::unwrap_used, reason = "a benchmark fails by panicking")]
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use futures_util::future::join_all;
+use meshway::identity::Caller;
+use meshway::jobs::{Claim, CloudId, Keep, NewCloud, NewEvent, NewJob, Options, Record, Store};
+use meshway::reconstruction::Preset;
+use meshway::reconstruction::training::Metrics;
+use serde_json::json;
+use sqlx::postgres::PgConnectOptions;
+use sqlx::{AssertSqlSafe, ConnectOptions};
+
+/// How long each figure is measured.
+const LONG: Duration = Duration::from_secs(3);
+
+/// Clients at a time.
+const CLIENTS: [usize; 3] = [1, 16, 64];
+
+/// Length of a lease that does not end here, in milliseconds.
+const LEASE_MS: i64 = 3_600_000;
+
+#[tokio::main]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a benchmark is told of its server by the environment"
+)]
+#[expect(clippy::print_stdout, reason = "the table is the output")]
+async fn main() {
+    println!("| rows in | clients | submits/s | records/s | renewals/s |\n|---|---|---|---|---|");
+    for clients in CLIENTS {
+        row("SQLite", clients, None).await;
+    }
+    if let Ok(server) = std::env::var("MESHWAY_TEST_DATABASE") {
+        for clients in CLIENTS {
+            let database = new_database(&server, clients).await;
+            row("Postgres", clients, Some(database)).await;
+        }
+    }
+}
+
+#[expect(clippy::print_stdout, reason = "the table is the output")]
+async fn row(name: &str, clients: usize, database: Option<String>) {
+    let dir = tempfile::tempdir().unwrap();
+    let options = Options {
+        queue_limit: u64::MAX,
+        database,
+        ..Options::default()
+    };
+    let store = Store::open(dir.path(), options).await.unwrap();
+    let us = Caller::anybody();
+    let (cloud, _) = store.by(&us).insert_cloud(cloud()).await.unwrap();
+    let submits = rate(clients, async |_| {
+        let new = job(&cloud.id);
+        store.by(&us).submit(new, None).await.unwrap();
+    })
+    .await;
+    let mut claims: Vec<Claim> = Vec::new();
+    for _ in 0..clients {
+        claims.push(store.claim("w", LEASE_MS).await.unwrap().unwrap());
+    }
+    let evaluations = AtomicU64::new(1);
+    let records = rate(clients, async |client| {
+        let evaluation = evaluations.fetch_add(1, Ordering::Relaxed);
+        let record = record(evaluation);
+        store.record(&claims[client], record).await.unwrap();
+    })
+    .await;
+    let renewals = rate(clients, async |client| {
+        let renewal = store.renew(&claims[client], LEASE_MS, Duration::ZERO);
+        renewal.await.unwrap();
+    })
+    .await;
+    store.close().await;
+    println!("| {name} | {clients} | {submits:.0} | {records:.0} | {renewals:.0} |");
+}
+
+/// How often in a second something is done by clients who do it again and again.
+async fn rate(clients: usize, work: impl AsyncFn(usize)) -> f64 {
+    let begun = Instant::now();
+    let client = async |client: usize| {
+        let mut done = 0;
+        while begun.elapsed() < LONG {
+            work(client).await;
+            done += 1;
+        }
+        done
+    };
+    let done: u64 = join_all((0..clients).map(client)).await.iter().sum();
+    done as f64 / begun.elapsed().as_secs_f64()
+}
+
+/// A database that nobody has used.
+async fn new_database(server: &str, clients: usize) -> String {
+    let options: PgConnectOptions = server.parse().unwrap();
+    let name = format!("bench_{}_{clients}", std::process::id());
+    let create = AssertSqlSafe(format!("CREATE DATABASE {name}"));
+    let mut db = options.connect().await.unwrap();
+    sqlx::raw_sql(create).execute(&mut db).await.unwrap();
+    options.database(&name).to_url_lossy().to_string()
+}
+
+fn cloud() -> NewCloud {
+    let summary = json!({
+        "format": "xyz", "gzipped": false, "points": 20, "normals": false, "dropped_non_finite": 0,
+        "warnings": [], "bounds": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0]},
+        "labels": {"surface": 20, "interior": 0, "exterior": 0},
+    });
+    NewCloud {
+        sha256: "a".repeat(64),
+        bytes: 12,
+        summary: serde_json::from_value(summary).unwrap(),
+        keep_ms: None,
+    }
+}
+
+fn job(cloud: &CloudId) -> NewJob {
+    NewJob {
+        cloud_id: cloud.clone(),
+        preset: Preset::Fast,
+        settings: Preset::Fast.settings(),
+        labels: BTreeMap::new(),
+        source: None,
+        derived_from: None,
+        priority: 0,
+        cost_seconds: 1.0,
+        keep: Keep::default(),
+    }
+}
+
+/// Progress and a row of the series, as a worker writes them four times a second.
+fn record(evaluation: u64) -> Record {
+    let metrics = Metrics {
+        iteration: evaluation,
+        evaluation,
+        loss: 0.5,
+        validation_loss: Some(0.6),
+        gradient_norm: 1.0,
+        step_length: 1.0,
+        weight_norms: vec![1.0; 4],
+        blocks: None,
+    };
+    let progress = NewEvent::Progress {
+        fraction: 0.5,
+        eta_seconds: Some(10.0),
+    };
+    Record {
+        progress: Some(0.5),
+        evaluations: Some(evaluation),
+        loss: Some(0.5),
+        events: vec![progress],
+        metrics: vec![metrics],
+        ..Record::default()
+    }
+}

@@ -1,0 +1,53 @@
+//! The one data folder of a database: it has the files of clouds and the bytes that rows name. A service
+//! with another folder would take those for missing, and what it erases would stay in the first one.
+
+use std::fs;
+use std::io::{ErrorKind, Write};
+use std::path::Path;
+
+use sqlx::PgConnection;
+use tempfile::NamedTempFile;
+use uuid::Uuid;
+
+use crate::jobs::{Error, Result};
+
+/// File with the name that the folder has for its database.
+const NAME_FILE: &str = "home";
+
+/// Makes the folder the one of the database where that has none.
+///
+/// # Errors
+/// `Elsewhere` if it has another one; `Full` if the folder cannot be written.
+pub(super) async fn settle(db: &mut PgConnection, folder: &Path) -> Result<()> {
+    let own = name_of(folder).map_err(|error| Error::Full(error.to_string()))?;
+    let insert = "INSERT INTO home (one, folder) VALUES (1, $1) ON CONFLICT DO NOTHING";
+    sqlx::query(insert).bind(&own).execute(&mut *db).await?;
+    let select = "SELECT folder FROM home";
+    let home: String = sqlx::query_scalar(select).fetch_one(db).await?;
+    if home == own {
+        Ok(())
+    } else {
+        Err(Error::Elsewhere)
+    }
+}
+
+/// The name of a folder, which is made at its first use.
+fn name_of(folder: &Path) -> std::io::Result<String> {
+    let file = folder.join(NAME_FILE);
+    match fs::read_to_string(&file) {
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            let mut new = NamedTempFile::new_in(folder)?;
+            write!(new, "{}", Uuid::now_v7())?;
+            new.as_file().sync_all()?;
+            match new.persist_noclobber(&file) {
+                // Another process was first.
+                Err(error) if error.error.kind() != ErrorKind::AlreadyExists => {
+                    return Err(error.error);
+                }
+                _ => {}
+            }
+            fs::read_to_string(file)
+        }
+        read => read,
+    }
+}

@@ -1,0 +1,201 @@
+//! One text of SQL for two databases: `SQLite`, for which it is written, and Postgres.
+//!
+//! [`query`] and [`scalar`] look like those of the driver. What they run on is a [`Db`], which is the
+//! connection of a transaction, or the [`Readers`]; which database that is, nobody else has to know.
+//! A statement has parameters `?1`, `?2`, … and uses what both databases have. Where `SQLite` has no
+//! portable form, such as the larger of two numbers, Postgres has a function of the same name
+//! (`migrations/postgres`). The few statements that cannot be one text are two: [`either`].
+
+mod db;
+mod row;
+mod text;
+mod value;
+
+use sqlx::postgres::PgArguments;
+use sqlx::sqlite::SqliteArguments;
+use sqlx::{Arguments, Database, Executor, IntoArguments, SqlStr};
+
+pub(in crate::jobs::store) use db::{Db, On, Readers, in_time};
+pub(in crate::jobs::store) use row::{Column, Row};
+pub(in crate::jobs::store) use text::{Text, either};
+pub(in crate::jobs::store) use value::Value;
+
+use crate::jobs::{Error, Result};
+
+/// A statement and its values.
+#[must_use]
+pub(in crate::jobs::store) struct Query<'q> {
+    text: Text,
+    values: Vec<Value<'q>>,
+}
+
+/// A statement, to which values are bound in the order of its parameters.
+pub(in crate::jobs::store) fn query<'q>(text: impl Into<Text>) -> Query<'q> {
+    Query {
+        text: text.into(),
+        values: Vec::new(),
+    }
+}
+
+/// A statement of which the first column is asked.
+pub(in crate::jobs::store) fn scalar<'q>(text: impl Into<Text>) -> Scalar<'q> {
+    Scalar(query(text))
+}
+
+/// What a statement did that has no rows.
+pub(in crate::jobs::store) struct Done {
+    rows: u64,
+}
+
+impl Done {
+    /// Number of rows that were inserted, changed or deleted.
+    pub(in crate::jobs::store) fn rows_affected(&self) -> u64 {
+        self.rows
+    }
+}
+
+impl<'q> Query<'q> {
+    /// The value of the next parameter.
+    pub(in crate::jobs::store) fn bind(mut self, value: impl Into<Value<'q>>) -> Self {
+        self.values.push(value.into());
+        self
+    }
+
+    pub(in crate::jobs::store) async fn execute<'e>(self, on: impl Into<On<'e>>) -> Result<Done> {
+        let rows = match on.into() {
+            On::Sqlite(db) => execute(self.sqlite()?, db).await?.rows_affected(),
+            On::SqlitePool(pool) => execute(self.sqlite()?, pool).await?.rows_affected(),
+            On::Postgres(db) => in_time(execute(self.postgres()?, db))
+                .await?
+                .rows_affected(),
+            On::PostgresPool(pool) => {
+                let done = in_time(execute(self.postgres()?, pool)).await?;
+                done.rows_affected()
+            }
+        };
+        Ok(Done { rows })
+    }
+
+    pub(in crate::jobs::store) async fn fetch_all<'e>(
+        self,
+        on: impl Into<On<'e>>,
+    ) -> Result<Vec<Row>> {
+        match on.into() {
+            On::Sqlite(db) => all(self.sqlite()?, db).await,
+            On::SqlitePool(pool) => all(self.sqlite()?, pool).await,
+            On::Postgres(db) => in_time(all(self.postgres()?, db)).await,
+            On::PostgresPool(pool) => in_time(all(self.postgres()?, pool)).await,
+        }
+    }
+
+    pub(in crate::jobs::store) async fn fetch_optional<'e>(
+        self,
+        on: impl Into<On<'e>>,
+    ) -> Result<Option<Row>> {
+        match on.into() {
+            On::Sqlite(db) => optional(self.sqlite()?, db).await,
+            On::SqlitePool(pool) => optional(self.sqlite()?, pool).await,
+            On::Postgres(db) => in_time(optional(self.postgres()?, db)).await,
+            On::PostgresPool(pool) => in_time(optional(self.postgres()?, pool)).await,
+        }
+    }
+
+    /// # Errors
+    /// `Database` also where there is no row.
+    pub(in crate::jobs::store) async fn fetch_one<'e>(self, on: impl Into<On<'e>>) -> Result<Row> {
+        let row = self.fetch_optional(on).await?;
+        row.ok_or_else(|| Error::from(sqlx::Error::RowNotFound))
+    }
+
+    fn sqlite(self) -> Result<(SqlStr, SqliteArguments)> {
+        let mut arguments = SqliteArguments::default();
+        for value in self.values {
+            value.add_to(&mut arguments)?;
+        }
+        Ok((self.text.for_sqlite(), arguments))
+    }
+
+    fn postgres(self) -> Result<(SqlStr, PgArguments)> {
+        let mut arguments = PgArguments::default();
+        arguments.reserve(self.values.len(), 0);
+        for value in self.values {
+            value.without_nul().add_to(&mut arguments)?;
+        }
+        Ok((self.text.for_postgres(), arguments))
+    }
+}
+
+/// A statement of which the first column is asked, and its values.
+#[must_use]
+pub(in crate::jobs::store) struct Scalar<'q>(Query<'q>);
+
+impl<'q> Scalar<'q> {
+    /// The value of the next parameter.
+    pub(in crate::jobs::store) fn bind(self, value: impl Into<Value<'q>>) -> Self {
+        Self(self.0.bind(value))
+    }
+
+    pub(in crate::jobs::store) async fn fetch_one<'e, T>(self, on: impl Into<On<'e>>) -> Result<T>
+    where
+        T: for<'r> Column<'r>,
+    {
+        self.0.fetch_one(on).await?.at(0)
+    }
+
+    pub(in crate::jobs::store) async fn fetch_optional<'e, T>(
+        self,
+        on: impl Into<On<'e>>,
+    ) -> Result<Option<T>>
+    where
+        T: for<'r> Column<'r>,
+    {
+        let row = self.0.fetch_optional(on).await?;
+        row.map(|row| row.at(0)).transpose()
+    }
+
+    pub(in crate::jobs::store) async fn fetch_all<'e, T>(
+        self,
+        on: impl Into<On<'e>>,
+    ) -> Result<Vec<T>>
+    where
+        T: for<'r> Column<'r>,
+    {
+        let rows = self.0.fetch_all(on).await?;
+        rows.iter().map(|row| row.at(0)).collect()
+    }
+}
+
+/// A text and the values of its parameters, as a driver takes them.
+type Statement<D> = (SqlStr, <D as Database>::Arguments);
+
+async fn execute<'e, D>(
+    (text, arguments): Statement<D>,
+    db: impl Executor<'e, Database = D>,
+) -> Result<D::QueryResult>
+where
+    D: Database<Arguments: IntoArguments<D>>,
+{
+    Ok(sqlx::query_with(text, arguments).execute(db).await?)
+}
+
+async fn all<'e, D>(
+    (text, arguments): Statement<D>,
+    db: impl Executor<'e, Database = D>,
+) -> Result<Vec<Row>>
+where
+    D: Database<Arguments: IntoArguments<D>, Row: Into<Row>>,
+{
+    let rows = sqlx::query_with(text, arguments).fetch_all(db).await?;
+    Ok(rows.into_iter().map(Into::into).collect())
+}
+
+async fn optional<'e, D>(
+    (text, arguments): Statement<D>,
+    db: impl Executor<'e, Database = D>,
+) -> Result<Option<Row>>
+where
+    D: Database<Arguments: IntoArguments<D>, Row: Into<Row>>,
+{
+    let row = sqlx::query_with(text, arguments).fetch_optional(db).await?;
+    Ok(row.map(Into::into))
+}
