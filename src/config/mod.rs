@@ -4,6 +4,7 @@
 //! default. There is one declaration of each setting, the field below: keys of the file are turned
 //! into the flags of the same name before the command line is read, see [`file_arguments`].
 
+mod backend;
 mod file;
 mod list;
 mod ttl;
@@ -19,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::identity::Keyring;
 use list::{list, parts};
 
+pub use backend::{Backend, ObjectsUrl};
 pub use file::{FileError, file_arguments};
 pub use ttl::Ttl;
 
@@ -44,6 +46,11 @@ pub struct Config {
     /// things in it is refused.
     #[arg(long, env = "MESHWAY_DATA_DIR", default_value = "meshway-data")]
     pub data_dir: PathBuf,
+
+    /// What it stands on besides.
+    #[command(flatten)]
+    #[serde(flatten)]
+    pub backend: Backend,
 
     /// Serve without keys on an address that others can reach.
     #[arg(long, env = "MESHWAY_ALLOW_UNAUTHENTICATED", num_args = 0..=1, require_equals = true,
@@ -357,6 +364,7 @@ impl Config {
         if self.tls_client_ca.is_some() && self.tls_cert.is_none() {
             problems.push("--tls-client-ca needs --tls-cert and --tls-key".to_owned());
         }
+        problems.extend(self.backend.problem());
         let asked = usize::from(self.workers) * usize::from(self.threads_per_worker.max(1));
         if asked > cores {
             problems.push(format!(

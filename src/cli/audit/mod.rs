@@ -81,7 +81,11 @@ async fn open(folder: &Path) -> Result<Store, Failure> {
         let detail = "no service has worked in this folder; name the one of `serve --data-dir`";
         return Err(Failure::input(folder, detail));
     }
-    let opened = Store::open(folder, store::Options::default()).await;
+    let options = store::Options {
+        rows_only: true,
+        ..store::Options::default()
+    };
+    let opened = Store::open(folder, options).await;
     opened.map_err(failed)
 }
 

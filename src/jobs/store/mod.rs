@@ -2,9 +2,9 @@
 //!
 //! A [`Store`] is one process's hold on the database `meshway.db` of a data folder: one connection
 //! that writes, in a task of its own, and four that read. Readers hold no transaction from one call
-//! to the next, so the write-ahead log can always be checkpointed. Beside it, `content.db` has the
-//! bytes of meshes, models and checkpoints. Both databases give the space of erased rows back to the
-//! file system.
+//! to the next, so the write-ahead log can always be checkpointed. The bytes of meshes, models and
+//! checkpoints are beside it in `content.db`, or with those of clouds in an object store. The databases
+//! give the space of erased rows back to the file system.
 //!
 //! - `sqlite`: how the databases are opened, migrated, written and cleaned;
 //! - `content`: large content, and the rule that keeps rows and bytes together;
@@ -13,8 +13,9 @@
 //! # Errors
 //!
 //! Every method that writes can fail with `Busy`, `Full`, `Closed`, `Inconsistent` or `Database`;
-//! every method that reads with `Busy`, `Closed`, `Inconsistent` or `Database`. Their own
-//! documentation names other errors only.
+//! every method that reads with `Busy`, `Closed`, `Inconsistent` or `Database`; every one that writes
+//! or reads content, with `ContentUnavailable` besides. Their own documentation names other errors
+//! only.
 #![expect(
     clippy::missing_errors_doc,
     reason = "what all methods have in common is said once, above"
@@ -25,8 +26,9 @@ mod names;
 mod records;
 mod sqlite;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use futures_util::future::BoxFuture;
@@ -34,7 +36,8 @@ use sqlx::sqlite::{SqlitePool, SqlitePoolOptions};
 use tokio::sync::{Mutex, watch};
 
 pub use content::ballast::BALLAST_FILE;
-pub use content::objects::CHUNK_BYTES;
+pub use content::clouds::LocalFile;
+pub use content::embedded::CHUNK_BYTES;
 pub use names::{Acts, Records};
 pub use records::act::{Act, Outcome as AuditOutcome};
 pub use records::audit::{AuditFault, AuditHead, AuditRow};
@@ -45,11 +48,13 @@ pub use sqlite::origin::is_ours;
 
 use super::clock::{self, Clock};
 use super::{Error, Result};
+use crate::config::ObjectsUrl;
 use crate::identity::{Caller, Tenant};
 use content::ballast::Ballast;
+use content::embedded::Embedded;
 use content::graves::{Burial, Undertaker};
-use content::lift;
 use content::objects::Objects;
+use content::{lift, place};
 use sqlite::shredder::Shredder;
 use sqlite::writer::{Transaction, Writer};
 use sqlite::{MIGRATIONS, OPENING, connect_options, migrated, writing};
@@ -76,8 +81,16 @@ pub struct Options {
     pub metrics_limit: i64,
     /// How long a write waits for another process before it fails with `Busy`.
     pub busy_timeout: Duration,
-    /// Name of the process, by which its unfinished content is found.
+    /// Name of the process, by which its unfinished content is found; empty for the server of the
+    /// folder.
     pub process: String,
+    /// The object store with the content; none: it is in the folder.
+    pub objects: Option<ObjectsUrl>,
+    /// How old an object in an object store is that no row names, before it is garbage: longer than
+    /// any writing takes.
+    pub garbage_age: Duration,
+    /// Rows are read, and nothing else is done: content stays where it is, whoever has it.
+    pub rows_only: bool,
     /// Bytes of the disk that are set aside for erasing on a full one.
     pub ballast_bytes: u64,
     /// The time, in milliseconds since the epoch.
@@ -94,6 +107,9 @@ impl Default for Options {
             // Below the lease of 6 s: a worker learns that it could not renew before it lost it.
             busy_timeout: Duration::from_secs(5),
             process: String::new(),
+            objects: None,
+            garbage_age: Duration::from_hours(1),
+            rows_only: false,
             ballast_bytes: 0,
             clock: Arc::new(clock::now),
         }
@@ -114,7 +130,8 @@ struct Inner {
     readers: SqlitePool,
     objects: Arc<Objects>,
     burial: Arc<Burial>,
-    undertaker: Undertaker,
+    undertaker: Option<Undertaker>,
+    folder: PathBuf,
     changed: watch::Sender<u64>,
     options: Arc<Options>,
 }
@@ -125,14 +142,17 @@ impl Store {
     ///
     /// # Errors
     /// `Busy` where other processes still migrate after several times the busy timeout; `Migration` if the file is of a later version;
-    /// `Full` if content from before cannot be moved; `Database` if it is none of ours or cannot be opened.
+    /// `Full` if content from before cannot be moved; `ContentRefused` if the object store cannot be used or is not
+    /// that of this database; `Database` if it is none of ours or cannot be opened.
     pub async fn open(data_dir: &Path, options: Options) -> Result<Self> {
         let options = Arc::new(options);
         let connect = connect_options(&data_dir.join(DATABASE_FILE), &options);
         let patience = OPENING * options.busy_timeout;
         let mut db = migrated(&writing(&connect), &MIGRATIONS, patience).await?;
-        let objects = Arc::new(Objects::open(data_dir, &options).await?);
-        lift::lift(&mut db, &objects).await?;
+        let objects = Arc::new(place::open(&mut db, data_dir, &options).await?);
+        if !options.rows_only {
+            lift::lift(&mut db, &objects).await?;
+        }
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             .acquire_timeout(options.busy_timeout)
@@ -143,17 +163,25 @@ impl Store {
         let (changed, _) = watch::channel(0);
         let writer = Writer::start(db, Arc::clone(&options), changed.clone());
         let writer = Arc::new(writer);
+        let mut logs = vec![connect];
+        if objects.bucket().is_none() {
+            logs.push(Embedded::connect(data_dir, &options));
+        }
+        let undertaken = !options.rows_only;
         let burial = Arc::new(Burial {
             writer: Arc::clone(&writer),
             readers: readers.clone(),
             objects: Arc::clone(&objects),
             ballast: Ballast::new(data_dir, options.ballast_bytes),
-            logs: [connect, Objects::connect(data_dir, &options)].map(Shredder::start),
+            logs: logs.into_iter().map(Shredder::start).collect(),
             turn: Mutex::default(),
+            late: AtomicBool::default(),
         });
         Ok(Self {
             inner: Arc::new(Inner {
-                undertaker: Undertaker::start(Arc::clone(&burial), changed.subscribe()),
+                undertaker: undertaken
+                    .then(|| Undertaker::start(Arc::clone(&burial), changed.subscribe())),
+                folder: data_dir.to_owned(),
                 writer,
                 readers,
                 objects,
@@ -176,7 +204,7 @@ impl Store {
 
     /// Finishes the writes that wait and closes all connections; later calls get `Closed`.
     pub async fn close(&self) {
-        self.inner.undertaker.stop();
+        self.inner.undertaker.iter().for_each(Undertaker::stop);
         self.inner.burial.logs.iter().for_each(Shredder::stop);
         self.inner.objects.close().await;
         self.inner.readers.close().await;

@@ -10,12 +10,14 @@
 //! that, and writes its bytes again under another key. Nothing that is named is ever removed.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use bytes::Bytes;
 use futures_util::future::BoxFuture;
 use sqlx::sqlite::SqlitePool;
 use tokio::sync::{Mutex, watch};
+use tokio::time::timeout;
 use tokio_util::task::AbortOnDropHandle;
 
 use super::ballast::Ballast;
@@ -40,10 +42,12 @@ pub(in crate::jobs::store) struct Burial {
     pub(in crate::jobs::store) readers: SqlitePool,
     pub(in crate::jobs::store) objects: Arc<Objects>,
     pub(in crate::jobs::store) ballast: Ballast,
-    /// The logs of both databases.
-    pub(in crate::jobs::store) logs: [Shredder; 2],
+    /// The logs of the databases.
+    pub(in crate::jobs::store) logs: Vec<Shredder>,
     /// One at a time.
     pub(in crate::jobs::store) turn: Mutex<()>,
+    /// Whether an object store kept erasing waiting, and nothing could be removed since.
+    pub(in crate::jobs::store) late: AtomicBool,
 }
 
 impl Burial {
@@ -56,6 +60,7 @@ impl Burial {
                 Err(Error::Full(_)) if self.ballast.release() => {}
                 result => {
                     self.logs.iter().for_each(Shredder::wake);
+                    self.late.store(result.is_err(), Ordering::Relaxed);
                     return result.inspect(|()| self.ballast.fill());
                 }
             }
@@ -80,9 +85,7 @@ impl Burial {
             if keys.is_empty() {
                 break;
             }
-            for key in &keys {
-                self.objects.remove(key).await?;
-            }
+            self.objects.remove(&keys).await?;
             self.objects.vacuum().await?;
             let close = self.writer.write(move |tx| {
                 Box::pin(async move {
@@ -169,7 +172,16 @@ impl Store {
 
     /// Removes at once what was erased just now; what cannot be, later.
     pub(in crate::jobs::store) async fn bury(&self) {
-        if let Err(error) = self.inner.burial.run().await {
+        let burial = &self.inner.burial;
+        let buried = match self.inner.objects.patience() {
+            None => burial.run().await,
+            Some(_) if burial.late.load(Ordering::Relaxed) => return,
+            Some(patience) => timeout(patience, burial.run()).await.unwrap_or_else(|_| {
+                burial.late.store(true, Ordering::Relaxed);
+                Err(Error::ContentUnavailable("it takes long".to_owned()))
+            }),
+        };
+        if let Err(error) = buried {
             tracing::warn!(error.message = %error, "erased content is removed later");
         }
     }
@@ -235,12 +247,13 @@ impl Transaction<'_> {
     }
 }
 
-async fn is_named<'e>(
+pub(super) async fn is_named<'e>(
     db: impl sqlx::Executor<'e, Database = sqlx::Sqlite>,
     key: &str,
 ) -> Result<bool> {
     let select = "SELECT EXISTS (SELECT 1 FROM meshes WHERE object = ?1)
                       OR EXISTS (SELECT 1 FROM models WHERE object = ?1)
-                      OR EXISTS (SELECT 1 FROM checkpoints WHERE object = ?1)";
+                      OR EXISTS (SELECT 1 FROM checkpoints WHERE object = ?1)
+                      OR EXISTS (SELECT 1 FROM clouds WHERE object = ?1)";
     Ok(sqlx::query_scalar(select).bind(key).fetch_one(db).await?)
 }
