@@ -117,13 +117,18 @@ async fn serve(
         events_limit: config.max_events.into(),
         metrics_limit: config.max_metrics.into(),
         ballast_bytes: BALLAST_BYTES,
+        objects: config.backend.objects.clone(),
         ..store::Options::default()
     };
     let store = Store::open(&config.data_dir, options)
         .await
         .map_err(failed)?;
     folder.sweep(&store).await?;
-    store.collect_garbage(None).await.map_err(failed)?;
+    if store.keeps_files() {
+        store.collect_garbage(None).await.map_err(failed)?;
+    } else {
+        tokio::spawn(upkeep::collect_garbage(store.clone()));
+    }
     // Before the first request: keys that were in flight when the last server died.
     store.idempotency_abandon_all().await.map_err(failed)?;
     // The last server may have died after erasing something and before this.
@@ -241,6 +246,7 @@ fn orders(arguments: &Arguments, cores: usize) -> Orders {
             events_limit: config.max_events.into(),
             metrics_limit: config.max_metrics.into(),
         },
+        objects: config.backend.objects.clone(),
         log_format: config.log_format,
         log: config.log.clone(),
     }

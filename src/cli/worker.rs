@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
 use super::{Failure, Substitute, logging};
-use crate::config::LogFormat;
+use crate::config::{LogFormat, ObjectsUrl};
 use crate::jobs::worker::{End, Options, SIGN_OF_LIFE, Signals, Work, reconstruction, worker_name};
 use crate::jobs::{JobId, Store, Worker, store};
 use crate::reconstruction::set_threads;
@@ -44,6 +44,8 @@ pub(super) struct Orders {
     /// How to work.
     #[serde(flatten)]
     pub(super) options: Options,
+    /// The object store of the service.
+    pub(super) objects: Option<ObjectsUrl>,
     /// Format of the log.
     pub(super) log_format: LogFormat,
     /// What is logged.
@@ -78,7 +80,8 @@ pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Res
         .enable_all()
         .build()
         .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
-    if runtime.block_on(work_on(arguments, orders.options, work))? == End::Hung {
+    let work = work_on(arguments, orders.options, orders.objects, work);
+    if runtime.block_on(work)? == End::Hung {
         // Exit handlers would wait for the thread that does not stop.
         kill_process(getpid(), Signal::KILL)
             .map_err(|error| Failure::Output(format!("the worker cannot end: {error}")))?;
@@ -86,7 +89,12 @@ pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Res
     Ok(())
 }
 
-async fn work_on(arguments: &Arguments, options: Options, work: Arc<Work>) -> Result<End, Failure> {
+async fn work_on(
+    arguments: &Arguments,
+    options: Options,
+    objects: Option<ObjectsUrl>,
+    work: Arc<Work>,
+) -> Result<End, Failure> {
     let stopping = CancellationToken::new();
     let wake = listen(&stopping)?;
     let name = worker_name(arguments.slot, std::process::id());
@@ -94,6 +102,7 @@ async fn work_on(arguments: &Arguments, options: Options, work: Arc<Work>) -> Re
         events_limit: options.events_limit,
         metrics_limit: options.metrics_limit,
         process: name.clone(),
+        objects,
         ..store::Options::default()
     };
     let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
@@ -102,7 +111,6 @@ async fn work_on(arguments: &Arguments, options: Options, work: Arc<Work>) -> Re
         .map_err(failed)?;
     let worker = Worker {
         name,
-        data_dir: arguments.data_dir.clone(),
         store: store.clone(),
         work,
         options,

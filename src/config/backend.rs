@@ -112,7 +112,11 @@ impl FromStr for ObjectsUrl {
                 "region" => objects.region = Some(value),
                 "ca" => objects.ca = Some(value.into()),
                 "style" => style = Some(value),
-                _ => return Err(format!("{name} is unknown; known are endpoint, region, style, ca")),
+                _ => {
+                    return Err(format!(
+                        "{name} is unknown; known are endpoint, region, style, ca"
+                    ));
+                }
             }
         }
         objects.path_style = match style.as_deref() {
@@ -129,7 +133,9 @@ fn endpoint(text: &str) -> Result<Url, String> {
     let url = Url::parse(text).map_err(|error| format!("endpoint {text}: {error}"))?;
     let bare = url.username().is_empty() && url.password().is_none() && url.query().is_none();
     if !["http", "https"].contains(&url.scheme()) || !bare || url.path() != "/" {
-        return Err(format!("endpoint {text}: must be as https://s3.example:9000"));
+        return Err(format!(
+            "endpoint {text}: must be as https://s3.example:9000"
+        ));
     }
     Ok(url)
 }

@@ -34,7 +34,7 @@ pub(in crate::jobs::store) enum Objects {
     /// In `content.db` of the data folder.
     Embedded(Embedded),
     /// In an object store.
-    Bucket(Bucket),
+    Bucket(Box<Bucket>),
 }
 
 impl Objects {

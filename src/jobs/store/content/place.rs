@@ -44,7 +44,7 @@ pub(in crate::jobs::store) async fn open(
                 sqlx::query(upsert).bind(url).execute(&mut *db).await?;
                 bring(db, data_dir, options, &bucket).await?;
             }
-            Ok(Objects::Bucket(bucket))
+            Ok(Objects::Bucket(Box::new(bucket)))
         }
     }
 }
@@ -63,7 +63,10 @@ async fn bring(
     }
     let embedded = Embedded::open(data_dir, options).await?;
     let keys = embedded.keys(None).await?;
-    tracing::info!(objects = keys.len(), "content of the folder moves to the object store");
+    tracing::info!(
+        objects = keys.len(),
+        "content of the folder moves to the object store"
+    );
     for key in keys {
         if is_named(&mut *db, &key).await? {
             let data = embedded.whole(&key, 0).await?;

@@ -83,12 +83,11 @@ impl Bucket {
     fn unreachable(&self, error: &StoreError) -> Error {
         match error {
             StoreError::NotFound { .. } => self.refused("there is no such bucket; make it first"),
-            StoreError::PermissionDenied { .. } | StoreError::Unauthenticated { .. } => {
-                self.refused(&format!(
+            StoreError::PermissionDenied { .. } | StoreError::Unauthenticated { .. } => self
+                .refused(&format!(
                     "the credentials of the environment (AWS_ACCESS_KEY_ID, …) are refused; they \
                      must allow to list, read, write and delete: {error}"
-                ))
-            }
+                )),
             error if !has_credentials() => self.refused(&format!(
                 "there are no credentials; set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY: {error}"
             )),

@@ -250,7 +250,9 @@ async fn send(
         store: "file",
         source: Box::new(error),
     };
-    let sent = parts.map_err(unread).map_ok(|part| upload.put_part(part.into()));
+    let sent = parts
+        .map_err(unread)
+        .map_ok(|part| upload.put_part(part.into()));
     sent.try_buffered(AT_ONCE).try_collect().await
 }
 
@@ -266,6 +268,7 @@ fn is_bucket_missing(error: &StoreError) -> bool {
     error.to_string().contains("NoSuchBucket")
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
 fn away(error: StoreError) -> Error {
     Error::ContentUnavailable(error.to_string())
 }
