@@ -134,8 +134,8 @@ impl Embedded {
             .await
     }
 
-    /// The bytes from the start of a range on, to its end or to that of their chunk; none past the
-    /// end of the object, and none of one that was removed.
+    /// The bytes from the start of a range on, to its end or to that of their chunk; none of an object
+    /// that was removed.
     pub(in crate::jobs::store) async fn part(
         &self,
         key: &str,

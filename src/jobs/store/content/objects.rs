@@ -68,8 +68,8 @@ impl Objects {
         Ok(Kept { key, bytes })
     }
 
-    /// Some of the bytes of a range from its start on, at least one; none past the end of the object,
-    /// and none of one that was removed.
+    /// Some of the bytes of a range within an object from its start on, at least one; none of an object
+    /// that was removed.
     pub(in crate::jobs::store) async fn part(
         &self,
         key: &str,

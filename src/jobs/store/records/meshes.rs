@@ -63,8 +63,8 @@ impl Records<'_> {
 }
 
 impl Store {
-    /// Some of the bytes of a range of an object from its start on, at least one; none past its end,
-    /// and none when it was erased meanwhile.
+    /// Some of the bytes of a range within an object from its start on, at least one; none when it was
+    /// erased meanwhile.
     pub async fn object_part(&self, object: &str, range: Range<u64>) -> Result<Option<Bytes>> {
         self.inner.objects.part(object, range).await
     }
