@@ -17,14 +17,17 @@ CREATE FUNCTION json_each(document TEXT) RETURNS TABLE (key TEXT, value TEXT)
     LANGUAGE SQL IMMUTABLE PARALLEL SAFE AS
     $$SELECT key, value FROM json_each_text(replace(document, '\u0000', '\ufffe')::json)$$;
 
--- The one data folder that has the bytes which the rows name, by the name in its file "home".
-CREATE TABLE home (
-    one    BIGINT NOT NULL PRIMARY KEY CHECK (one = 1),
-    folder TEXT COLLATE "C" NOT NULL
+-- What is known of the database as a whole: its id, by which it finds its objects; as objects the address of
+-- the store that has them, if one does; as folder the name in the file "home" of the data folder that has the
+-- bytes otherwise.
+CREATE TABLE meta (
+    name  TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    value TEXT COLLATE "C" NOT NULL
 );
+INSERT INTO meta (name, value) VALUES ('id', replace(CAST(gen_random_uuid() AS TEXT), '-', ''));
 
--- Uploaded clouds; the bytes are the file clouds/<sha256> of the data folder. Two tenants with the same
--- bytes have a cloud each.
+-- Uploaded clouds; the bytes are an object, or the file clouds/<sha256> of the data folder. Two tenants with
+-- the same bytes have a cloud each.
 CREATE TABLE clouds (
     id         TEXT COLLATE "C" NOT NULL PRIMARY KEY,
     tenant     TEXT COLLATE "C" NOT NULL,
@@ -36,6 +39,7 @@ CREATE TABLE clouds (
     created_at BIGINT NOT NULL,
     expires_at BIGINT,                           -- NULL: never
     hold       BIGINT NOT NULL DEFAULT 0 CHECK (hold IN (0, 1)),
+    object     TEXT COLLATE "C" UNIQUE,           -- NULL: the file
     UNIQUE (tenant, sha256)
 );
 CREATE INDEX clouds_by_tenant ON clouds (tenant, id);

@@ -118,15 +118,20 @@ async fn serve(
         metrics_limit: config.max_metrics.into(),
         ballast_bytes: BALLAST_BYTES,
         database: secret(config),
+        objects: config.backend.objects.clone(),
         ..store::Options::default()
     };
     let store = Store::open(&config.data_dir, options);
-    let store = store.await.map_err(|error| match &config.database {
+    let store = store.await.map_err(|error| match &config.backend.database {
         Some(database) => Failure::Output(format!("--database {database}: {error}")),
         None => failed(error),
     })?;
     folder.sweep(&store).await?;
-    store.collect_garbage(None).await.map_err(failed)?;
+    if store.keeps_files() {
+        store.collect_garbage(None).await.map_err(failed)?;
+    } else {
+        tokio::spawn(upkeep::collect_garbage(store.clone()));
+    }
     // Before the first request: keys that were in flight when the last server died.
     store.idempotency_abandon_all().await.map_err(failed)?;
     // The last server may have died after erasing something and before this.
@@ -145,7 +150,7 @@ async fn serve(
     let program = std::env::current_exe()
         .map_err(|error| Failure::Output(format!("this program cannot be found: {error}")))?;
     let shutdown = CancellationToken::new();
-    let node = match &config.database {
+    let node = match &config.backend.database {
         Some(_) => worker::new_node(),
         None => String::new(),
     };
@@ -249,6 +254,7 @@ fn orders(arguments: &Arguments, cores: usize, node: &str) -> Orders {
             events_limit: config.max_events.into(),
             metrics_limit: config.max_metrics.into(),
         },
+        objects: config.backend.objects.clone(),
         log_format: config.log_format,
         log: config.log.clone(),
         database: secret(config),
@@ -258,7 +264,7 @@ fn orders(arguments: &Arguments, cores: usize, node: &str) -> Orders {
 
 /// The address of the database with its password, for those who connect.
 fn secret(config: &Config) -> Option<String> {
-    let url = config.database.as_ref();
+    let url = config.backend.database.as_ref();
     url.map(|url| url.secret().to_owned())
 }
 

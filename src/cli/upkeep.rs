@@ -11,8 +11,8 @@ use crate::config::Config;
 use crate::identity::Keyring;
 use crate::jobs::Store;
 
-/// How often the head of the audit trail is logged, and old rows are removed.
-const AUDIT_EVERY: Duration = Duration::from_hours(24);
+/// How often the head of the audit trail is logged, and what is old is removed.
+const DAILY: Duration = Duration::from_hours(24);
 
 const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
 
@@ -42,6 +42,18 @@ pub(super) fn reload_keys(file: PathBuf, keys: Keyring) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Removes what no row names from the object store, now and daily. Never ends.
+pub(super) async fn collect_garbage(store: Store) {
+    loop {
+        match store.collect_garbage(None).await {
+            Ok(0) => {}
+            Ok(objects) => tracing::info!(objects, "objects that no row names are removed"),
+            Err(error) => tracing::warn!(error.message = %error, "objects without a row stay"),
+        }
+        tokio::time::sleep(DAILY).await;
+    }
+}
+
 /// Logs the head of the audit trail now and daily: a copy of the log shows later whether rows were cut
 /// off. Rows that are old enough are removed. Never ends.
 pub(super) async fn keep_audit(store: Store, config: Config) {
@@ -65,6 +77,6 @@ pub(super) async fn keep_audit(store: Store, config: Config) {
             Ok(_) => {}
             Err(error) => tracing::warn!(error.message = %error, "the audit trail is not readable"),
         }
-        tokio::time::sleep(AUDIT_EVERY).await;
+        tokio::time::sleep(DAILY).await;
     }
 }

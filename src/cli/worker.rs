@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
 use super::{Failure, Substitute, logging};
-use crate::config::LogFormat;
+use crate::config::{LogFormat, ObjectsUrl};
 use crate::jobs::worker::{End, Options, SIGN_OF_LIFE, Signals, Work, reconstruction, worker_name};
 use crate::jobs::{JobId, Store, Worker, store};
 use crate::reconstruction::set_threads;
@@ -44,6 +44,8 @@ pub(super) struct Orders {
     /// How to work.
     #[serde(flatten)]
     pub(super) options: Options,
+    /// The object store of the service.
+    pub(super) objects: Option<ObjectsUrl>,
     /// Format of the log.
     pub(super) log_format: LogFormat,
     /// What is logged.
@@ -100,6 +102,7 @@ async fn work_on(arguments: &Arguments, orders: Orders, work: Arc<Work>) -> Resu
         metrics_limit: options.metrics_limit,
         process: name.clone(),
         database: orders.database,
+        objects: orders.objects,
         ..store::Options::default()
     };
     let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
@@ -108,7 +111,6 @@ async fn work_on(arguments: &Arguments, orders: Orders, work: Arc<Work>) -> Resu
         .map_err(failed)?;
     let worker = Worker {
         name,
-        data_dir: arguments.data_dir.clone(),
         store: store.clone(),
         work,
         options,

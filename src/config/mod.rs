@@ -4,6 +4,7 @@
 //! default. There is one declaration of each setting, the field below: keys of the file are turned
 //! into the flags of the same name before the command line is read, see [`file_arguments`].
 
+mod backend;
 mod database;
 mod file;
 mod list;
@@ -21,6 +22,7 @@ use serde::{Deserialize, Serialize};
 use crate::identity::Keyring;
 use list::list;
 
+pub use backend::{Backend, ObjectsUrl};
 pub use database::DatabaseUrl;
 pub use file::{FileError, file_arguments};
 pub use ttl::Ttl;
@@ -45,15 +47,10 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_DATA_DIR", default_value = "meshway-data")]
     pub data_dir: PathBuf,
 
-    /// Postgres database for the rows, as in `postgres://meshway@db.example/meshway?sslmode=verify-full`;
-    /// without it, SQLite in the data folder. The password is best in PGPASSWORD or PGPASSFILE.
-    #[arg(long, env = "MESHWAY_DATABASE", hide_env_values = true)]
-    pub database: Option<DatabaseUrl>,
-
-    /// Connect to a database on another machine without TLS that knows its name.
-    #[arg(long, env = "MESHWAY_INSECURE_BACKEND", num_args = 0..=1, require_equals = true,
-          default_value_t = false, default_missing_value = "true", action = clap::ArgAction::Set)]
-    pub insecure_backend: bool,
+    /// What it stands on besides.
+    #[command(flatten)]
+    #[serde(flatten)]
+    pub backend: Backend,
 
     /// Serve without keys on an address that others can reach.
     #[arg(long, env = "MESHWAY_ALLOW_UNAUTHENTICATED", num_args = 0..=1, require_equals = true,

@@ -1,6 +1,6 @@
 //! What contradicts itself or the machine.
 
-use super::{ClientAuth, Config, DatabaseUrl};
+use super::{ClientAuth, Config};
 
 /// Least memory of a worker: a job of the preset `fast` fits.
 const LEAST_WORKER_MIB: u64 = 288;
@@ -40,8 +40,7 @@ impl Config {
                 self.worker_memory_mib
             ));
         }
-        let exposure = self.database.as_ref().and_then(DatabaseUrl::exposure);
-        problems.extend(exposure.filter(|_| !self.insecure_backend));
+        problems.extend(self.backend.exposures());
         problems
     }
 }

@@ -3,7 +3,7 @@
 use super::CloudId;
 use crate::intake::Summary;
 
-/// A cloud as its row has it; its bytes are the file `clouds/<sha256>` of the data folder.
+/// A cloud as its row has it; its bytes are the file `clouds/<sha256>` of the data folder, or an object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cloud {
     /// Its name.
@@ -12,6 +12,8 @@ pub struct Cloud {
     pub sha256: String,
     /// Number of bytes.
     pub bytes: u64,
+    /// Names the bytes in the object store, and never names others; none: they are the file.
+    pub object: Option<String>,
     /// What the upload found.
     pub summary: Summary,
     /// When it was first uploaded, in milliseconds since the epoch.

@@ -20,6 +20,12 @@ pub enum Error {
     /// The disk is full or refuses to be written.
     #[error("the disk is full or cannot be written: {0}")]
     Full(String),
+    /// The object store with the content is away, or does not do what it is asked.
+    #[error("the object store does not do what it is asked: {0}")]
+    ContentUnavailable(String),
+    /// The object store that was named cannot be used, or is not that of the database.
+    #[error("{0}")]
+    ContentRefused(String),
     /// As many jobs as allowed wait already.
     #[error("{limit} jobs are waiting already")]
     QueueFull {
@@ -79,13 +85,15 @@ impl Error {
         match self {
             Self::Busy => "database_busy",
             Self::Full(_) => "insufficient_storage",
+            Self::ContentUnavailable(_) => "storage_unavailable",
             Self::QueueFull { .. } => "queue_full",
             Self::Quota { .. } => "quota",
             Self::CloudMissing(_) => "cloud_missing",
             Self::Held => "held",
             Self::Stale => "stale_attempt",
             Self::Closed => "draining",
-            Self::SnapshotAtZero
+            Self::ContentRefused(_)
+            | Self::SnapshotAtZero
             | Self::Inconsistent { .. }
             | Self::Elsewhere
             | Self::Migration(_)

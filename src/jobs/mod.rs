@@ -54,7 +54,7 @@ pub use job::{
 };
 pub use store::{
     Act, Acts, AuditFault, AuditHead, AuditOutcome, AuditRow, Checkpoint, Idempotency,
-    IdempotencyState, MeshInfo, Options, Records, Store, StoredResponse, Subject,
+    IdempotencyState, LocalFile, MeshInfo, Options, Records, Store, StoredResponse, Subject,
 };
 
 pub use supervisor::{Supervisor, Workers};

@@ -1,7 +1,7 @@
 //! Whatever kind of content it is: after erasing job and cloud no byte of it is under the data
-//! folder, neither at once nor after the next start.
+//! folder or in the object store, neither at once nor after the next start.
 
-use std::path::Path;
+use std::path::PathBuf;
 
 use axum::body::Body;
 use axum::http::Request;
@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 
 use crate::erasure::holds;
 use crate::http::support::{Service, sphere_xyz};
+use crate::place::{Place, in_both_places};
 use crate::server::{PATIENCE, until};
 
 /// What is searched for; each kind of content has one of its own.
@@ -46,15 +47,18 @@ async fn submit(service: &Service, cloud: &Value, kind: &str) -> String {
     job["links"]["self"].as_str().unwrap().to_owned()
 }
 
-fn found(folder: &Path, kinds: &[&str]) -> Vec<String> {
+fn found(folders: &[PathBuf], kinds: &[&str]) -> Vec<String> {
     let markers = kinds.iter().map(|kind| marker(kind));
-    markers
-        .filter(|marker| holds(folder, marker.as_bytes()))
-        .collect()
+    let held = |marker: &String| {
+        folders
+            .iter()
+            .any(|folder| holds(folder, marker.as_bytes()))
+    };
+    markers.filter(held).collect()
 }
 
-#[tokio::test]
-async fn nothing_of_an_erased_job_and_its_cloud_is_left() {
+in_both_places! {
+async fn nothing_of_an_erased_job_and_its_cloud_is_left(place: Place) {
     const KINDS: [&str; 10] = [
         "cloud",
         "label",
@@ -67,8 +71,9 @@ async fn nothing_of_an_erased_job_and_its_cloud_is_left() {
         "other label",
         "other checkpoint",
     ];
-    let service = Service::new().await;
-    let folder = service.dir.path();
+    let options = || place.options(Options::default());
+    let service = Service::over(&[], options()).await;
+    let folders = place.folders(service.dir.path());
     let text = format!("# {}\n{}", marker("cloud"), sphere_xyz(100, 0.5));
     // As it was sent: else its comment would be in no file.
     let upload = Request::post("/v1/clouds?keep=identifiers");
@@ -83,7 +88,7 @@ async fn nothing_of_an_erased_job_and_its_cloud_is_left() {
     checkpoint.await.unwrap();
     let snapshot = store.put_snapshot(&claim, 5, NewMesh::new(1, 1, content("snapshot")));
     snapshot.await.unwrap();
-    assert_eq!(found(folder, &KINDS[..5]).len(), 5);
+    assert_eq!(found(&folders, &KINDS[..5]).len(), 5);
     let success = Success {
         mesh: NewMesh::new(1, 1, content("result")),
         report: json!({"detail": marker("report")}),
@@ -102,18 +107,19 @@ async fn nothing_of_an_erased_job_and_its_cloud_is_left() {
         .into_iter()
         .filter(|kind| *kind != "checkpoint")
         .collect();
-    assert_eq!(found(folder, &rest).len(), rest.len());
+    assert_eq!(found(&folders, &rest).len(), rest.len());
 
     for path in [&*ended, &*running, cloud["links"]["self"].as_str().unwrap()] {
         service.delete(path).await.expect(204);
     }
     until("nothing is left", PATIENCE, async || {
-        found(folder, &KINDS).is_empty().then_some(())
+        found(&folders, &KINDS).is_empty().then_some(())
     })
     .await;
     store.close().await;
-    let store = Store::open(folder, Options::default()).await.unwrap();
-    assert_eq!(found(folder, &KINDS), Vec::<String>::new());
+    let store = Store::open(service.dir.path(), options()).await.unwrap();
+    assert_eq!(found(&folders, &KINDS), Vec::<String>::new());
     store.close().await;
-    assert_eq!(found(folder, &KINDS), Vec::<String>::new());
+    assert_eq!(found(&folders, &KINDS), Vec::<String>::new());
+}
 }

@@ -41,7 +41,7 @@ async fn a_job_becomes_a_mesh_a_report_and_a_model() {
     }
     let store = &folder.store;
     let mesh = store.of(ours()).mesh_info(&id, 0).await.unwrap().unwrap();
-    let bytes = store.mesh_chunk(&mesh, 0).await.unwrap().unwrap();
+    let bytes = store.mesh_bytes(&mesh).await.unwrap().unwrap();
     assert!(bytes.starts_with(b"ply\n") && mesh.triangles > 100);
     let simplification = &report["surface"]["simplification"];
     assert_eq!(simplification["target_triangles"], 1_000);

@@ -82,20 +82,27 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 async fn open(arguments: &Arguments) -> Result<Store, Failure> {
     let folder = arguments.data_dir.as_path();
     let failed = |error| Failure::input(folder, error);
+    let options = store::Options {
+        rows_only: true,
+        database: arguments
+            .database
+            .as_ref()
+            .map(|url| url.secret().to_owned()),
+        ..store::Options::default()
+    };
     if let Some(database) = &arguments.database {
-        let options = store::Options {
-            database: Some(database.secret().to_owned()),
-            ..store::Options::default()
-        };
-        let opened = Store::open(folder, options).await;
+        // Of the rows alone nothing is in a folder of the service; what the store makes in one goes.
+        let made = tempfile::tempdir();
+        let folder =
+            made.map_err(|error| Failure::Output(format!("no temporary folder: {error}")))?;
+        let opened = Store::open(folder.path(), options).await;
         return opened.map_err(|error| Failure::Output(format!("--database {database}: {error}")));
     }
     if !store::is_ours(folder).await.map_err(failed)? {
         let detail = "no service has worked in this folder; name the one of `serve --data-dir`";
         return Err(Failure::input(folder, detail));
     }
-    let opened = Store::open(folder, store::Options::default()).await;
-    opened.map_err(failed)
+    Store::open(folder, options).await.map_err(failed)
 }
 
 async fn verify(store: &Store, known: &[AuditHead]) -> Result<(), Failure> {

@@ -96,6 +96,7 @@ catalogue! {
     Draining "draining" 503 true "The service is about to stop.";
     NotReady "not_ready" 503 true "The service is not ready.";
     DatabaseBusy "database_busy" 503 true "The database is busy.";
+    StorageUnavailable "storage_unavailable" 503 true "The object store is away.";
     InsufficientStorage "insufficient_storage" 507 true "The disk is nearly full.";
     TrainingDiverged "training_diverged" 422 false "Training diverged.";
     NoSurface "no_surface" 422 false "The trained field has no surface.";

@@ -21,8 +21,7 @@ use tokio_util::io::ReaderStream;
 pub(in crate::http) use hex::encode as hex;
 
 use crate::http::wire::error::{ApiError, Code, Result};
-use crate::jobs::store::CHUNK_BYTES;
-use crate::jobs::{MeshInfo, Store};
+use crate::jobs::{self, Store};
 
 /// Bytes of a file that are read at a time.
 const READ_BYTES: usize = 64 * 1024;
@@ -52,21 +51,22 @@ pub(in crate::http) enum Content {
     },
     /// In memory.
     Memory(Bytes),
-    /// A mesh in its canonical encoding.
+    /// An object: a mesh in its canonical encoding, or a cloud.
     Stored {
         /// Where it is.
         store: Store,
         /// Which one.
-        mesh: MeshInfo,
+        object: String,
+        /// Its length.
+        bytes: u64,
     },
 }
 
 impl Content {
     fn bytes(&self) -> u64 {
         match self {
-            Self::File { bytes, .. } => *bytes,
+            Self::File { bytes, .. } | Self::Stored { bytes, .. } => *bytes,
             Self::Memory(bytes) => bytes.len() as u64,
-            Self::Stored { mesh, .. } => mesh.bytes,
         }
     }
 
@@ -83,17 +83,17 @@ impl Content {
                 )))
             }
             Self::Memory(bytes) => Ok(bytes.slice(range.start as usize..range.end as usize).into()),
-            Self::Stored { store, mesh } => {
-                // An erased mesh is not started.
-                let first = part(&store, &mesh, range.clone()).await?;
+            Self::Stored { store, object, .. } => {
+                // An erased object is not started.
+                let first = part(&store, &object, range.clone()).await?;
                 let rest = range.start + first.len() as u64..range.end;
                 let parts = stream::try_unfold(rest, move |left| {
-                    let (store, mesh) = (store.clone(), mesh.clone());
+                    let (store, object) = (store.clone(), object.clone());
                     async move {
                         if left.is_empty() {
                             return Ok::<_, io::Error>(None);
                         }
-                        let part = part(&store, &mesh, left.clone()).await?;
+                        let part = part(&store, &object, left.clone()).await?;
                         let left = left.start + part.len() as u64..left.end;
                         Ok(Some((part, left)))
                     }
@@ -105,21 +105,11 @@ impl Content {
     }
 }
 
-/// The first bytes of a non-empty range, up to the end of their chunk.
-async fn part(store: &Store, mesh: &MeshInfo, range: Range<u64>) -> io::Result<Bytes> {
-    let chunk_bytes = CHUNK_BYTES as u64;
-    let (position, offset) = (range.start / chunk_bytes, range.start % chunk_bytes);
-    let chunk = store.mesh_chunk(mesh, position).await;
-    let chunk = Bytes::from(chunk.map_err(io::Error::other)?.unwrap_or_default());
-    let end = (offset + range.end - range.start).min(chunk.len() as u64);
-    if offset < end {
-        Ok(chunk.slice(offset as usize..end as usize))
-    } else {
-        Err(io::Error::new(
-            io::ErrorKind::NotFound,
-            "the mesh was erased",
-        ))
-    }
+/// The first bytes of a non-empty range.
+async fn part(store: &Store, object: &str, range: Range<u64>) -> io::Result<Bytes> {
+    let part = store.object_part(object, range).await;
+    let erased = || io::Error::new(io::ErrorKind::NotFound, "the object was erased");
+    part.map_err(io::Error::other)?.ok_or_else(erased)
 }
 
 impl Download {
@@ -151,9 +141,12 @@ impl Download {
         let body = body.map_err(|error| match error.kind() {
             io::ErrorKind::NotFound => ApiError::new(
                 Code::NotFound,
-                "the bytes are not in the data folder any more; send them, or make them, again",
+                "the bytes are not where they were put any more; send them, or make them, again",
             ),
-            _ => ApiError::internal(error),
+            _ => match error.downcast::<jobs::Error>() {
+                Ok(error) => ApiError::from(error),
+                Err(error) => ApiError::internal(error),
+            },
         })?;
         let mut response = Response::new(body);
         *response.status_mut() = status;

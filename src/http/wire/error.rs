@@ -239,6 +239,14 @@ impl From<jobs::Error> for ApiError {
             jobs::Error::Held | jobs::Error::Busy | jobs::Error::Closed => {
                 Self::new(Code::from_name(error.code()), error.to_string())
             }
+            jobs::Error::ContentUnavailable(_) => {
+                tracing::warn!(error.message = %error, "a request needs the object store");
+                Self::new(
+                    Code::StorageUnavailable,
+                    "the object store with the bytes of clouds and meshes does not answer",
+                )
+                .retry_after(10)
+            }
             jobs::Error::Full(_) => {
                 tracing::error!(error.message = %error, "the disk refused a write");
                 Self::new(

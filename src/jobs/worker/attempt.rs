@@ -1,34 +1,30 @@
 //! One attempt at a job, from its claim to its end.
 
-use std::future::Future;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use bytes::Bytes;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::MissedTickBehavior;
 use tokio_util::task::AbortOnDropHandle;
 
 use super::control::{Control, Stop};
+use super::insist::Insist;
 use super::progress::Pending;
+use super::puts::{Content, Puts};
 use super::sink::{Message, Sink};
-use super::work::{Assignment, Failure, encode};
+use super::work::{Assignment, Failure, cloud_missing, encode};
 use super::{End, Worker, lease};
-use crate::folder::CLOUDS;
 use crate::jobs::{
-    Claim, Error, FailureReason, Lookup, NewMesh, Problem, Record, Result, Store, Success,
+    Claim, Cloud, Error, FailureReason, LocalFile, Lookup, NewMesh, Problem, Record, Result,
+    Success,
 };
 use crate::reconstruction::in_pool;
 
-/// How long a computation that nobody wants any more may take to stop: two seconds are promised to who
-/// cancels. Between two questions of a large surface whether to stop lies more than that.
-const LEFT_AFTER: Duration = Duration::from_millis(1_500);
 /// Time between two writes of progress: four a second are what a stream shows.
 const FLUSH: Duration = Duration::from_millis(250);
 /// Messages that may wait between the thread and the async side.
 const CHANNEL: usize = 256;
-/// Pause between two tries of what another process, a full disk or a server that is away delays.
-const PAUSE: Duration = Duration::from_millis(500);
 
 /// The result of the thread.
 struct Finished {
@@ -44,15 +40,28 @@ pub(super) struct Attempt<'a> {
     worker: &'a Worker,
     control: Arc<Control>,
     pending: Pending,
+    insist: Insist,
+    puts: Puts,
     claim: Claim,
 }
 
 impl<'a> Attempt<'a> {
     pub(super) fn new(worker: &'a Worker, claim: Claim) -> Self {
+        let control = Arc::new(Control::default());
+        let insist = Insist {
+            store: worker.store.clone(),
+            claim: claim.clone(),
+            control: Arc::clone(&control),
+            stopping: worker.signals.stopping.clone(),
+            grace: worker.options.grace,
+            told: Arc::new(AtomicBool::new(false)),
+        };
         Self {
             worker,
-            control: Arc::new(Control::default()),
+            control,
             pending: Pending::new(worker.options.metrics_limit - claim.job.metrics),
+            puts: Puts::new(insist.clone()),
+            insist,
             claim,
         }
     }
@@ -92,13 +101,11 @@ impl<'a> Attempt<'a> {
         let job = &self.claim.job;
         let store = &self.worker.store;
         let records = store.of(&job.tenant);
-        let cloud = insist(store, || records.cloud(&job.cloud_id)).await;
-        let cloud = cloud.map_err(Failure::internal)?;
-        let cloud = cloud.ok_or_else(|| Failure::internal("the cloud is not there"))?;
-        let checkpoint = insist(store, || records.checkpoint(&job.id)).await;
-        let checkpoint = checkpoint.map_err(Failure::internal)?;
+        let (cloud, file) = self.cloud().await?;
+        let checkpoint = self.insist.content(|| records.checkpoint(&job.id)).await;
+        let checkpoint = checkpoint.map_err(|error| self.failure(&error))?;
         let assignment = Assignment {
-            file: self.worker.data_dir.join(CLOUDS).join(&cloud.sha256),
+            file: file.path().to_owned(),
             cloud,
             settings: job.settings.clone(),
             source: job.source.clone(),
@@ -114,7 +121,10 @@ impl<'a> Attempt<'a> {
                 let outcome = in_pool(move || {
                     let data = checkpoint.map(|checkpoint| checkpoint.data);
                     let sink = Sink::new(sender, control, data, interval);
-                    let product = work(&assignment, &sink)?;
+                    let product = work(&assignment, &sink);
+                    // One that was fetched is removed before its surface is encoded.
+                    drop(file);
+                    let product = product?;
                     Ok(Finished {
                         mesh: encode(&product.mesh).map_err(Failure::internal)?,
                         report: product.report,
@@ -128,36 +138,54 @@ impl<'a> Attempt<'a> {
         Ok((messages, outcome))
     }
 
+    /// The cloud, and a file with its bytes.
+    async fn cloud(&self) -> std::result::Result<(Cloud, LocalFile), Failure> {
+        let (store, job) = (&self.worker.store, &self.claim.job);
+        let records = store.of(&job.tenant);
+        let mut sought: Option<Cloud> = None;
+        loop {
+            let cloud = self.insist.rows(|| records.cloud(&job.cloud_id)).await;
+            let cloud = cloud.map_err(Failure::internal)?;
+            let cloud = cloud.ok_or_else(|| Failure::internal("the cloud is not there"))?;
+            // The same bytes may have been uploaded anew meanwhile, as another object.
+            if sought.is_some_and(|sought| sought.object == cloud.object) {
+                return Err(cloud_missing());
+            }
+            let file = self.insist.content(|| store.cloud_file(&cloud)).await;
+            if let Some(file) = file.map_err(|error| self.failure(&error))? {
+                return Ok((cloud, file));
+            }
+            sought = Some(cloud);
+        }
+    }
+
+    /// What an error of the store means before the computation starts.
+    fn failure(&self, error: &Error) -> Failure {
+        match self.control.reason() {
+            Some(_) if matches!(error, Error::ContentUnavailable(_)) => Failure::Stopped,
+            _ => Failure::internal(error),
+        }
+    }
+
     /// Writes what the thread sends, until it ends or ignores a request to stop for too long.
     async fn listen(&mut self, mut messages: mpsc::Receiver<Message>) -> End {
         let control = Arc::clone(&self.control);
         let options = &self.worker.options;
-        let stopping = &self.worker.signals.stopping;
-        let overdue = async {
-            control.asked().await;
-            let unwanted = control.reason().is_some_and(Stop::is_for_good);
-            let grace = if unwanted {
-                LEFT_AFTER.min(options.grace)
-            } else {
-                options.grace
-            };
-            tokio::time::sleep(grace).await;
-        };
+        let insist = self.insist.clone();
+        let overdue = insist.overdue();
         let limit = tokio::time::sleep(options.time_limit.saturating_sub(self.claim.worked));
         tokio::pin!(overdue, limit);
         let mut flush = tokio::time::interval(FLUSH);
         flush.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             tokio::select! {
-                message = messages.recv() => match message {
-                    Some(message) => self.take(message).await,
-                    None => return End::Stopped,
-                },
+                message = messages.recv(), if self.puts.has_room() => {
+                    let Some(message) = message else { break };
+                    self.take(message).await;
+                }
+                put = self.puts.next() => self.written(put),
                 _ = flush.tick() => self.flush().await,
                 () = &mut limit, if control.reason().is_none() => control.stop(Stop::TimeLimit),
-                () = stopping.cancelled(), if control.reason().is_none() => {
-                    control.stop(Stop::Release);
-                }
                 () = &mut overdue => {
                     let job = self.claim.job_id();
                     match control.reason() {
@@ -176,11 +204,24 @@ impl<'a> Attempt<'a> {
                 }
             }
         }
+        self.finish_puts().await;
+        End::Stopped
+    }
+
+    /// Waits for the content under way, as long as the attempt may take.
+    async fn finish_puts(&mut self) {
+        let insist = self.insist.clone();
+        let overdue = insist.overdue();
+        tokio::pin!(overdue);
+        while !self.puts.is_empty() {
+            tokio::select! {
+                put = self.puts.next() => self.written(put),
+                () = &mut overdue => return,
+            }
+        }
     }
 
     async fn take(&mut self, message: Message) {
-        let store = &self.worker.store;
-        let claim = &self.claim;
         match message {
             Message::Phase(phase) => {
                 self.pending.phase(phase);
@@ -191,18 +232,12 @@ impl<'a> Attempt<'a> {
             Message::Gradients(histogram) => self.pending.gradients(histogram),
             Message::Warning(warning) => self.pending.warning(&warning),
             Message::Snapshot { evaluation, mesh } => {
-                let put = || store.put_snapshot(claim, evaluation, mesh.clone());
-                let result = insist(store, put).await;
-                self.written(result);
+                self.puts.push(Content::Snapshot(evaluation, mesh));
             }
             Message::Checkpoint { evaluation, data } => {
                 // The rows up to the checkpoint first: an attempt that continues from it keeps them.
                 self.flush().await;
-                let data = Bytes::from(data);
-                let (store, claim) = (&self.worker.store, &self.claim);
-                let put = || store.put_checkpoint(claim, evaluation, data.clone());
-                let result = insist(store, put).await;
-                self.written(result);
+                self.puts.push(Content::Checkpoint(evaluation, data.into()));
             }
         }
     }
@@ -212,7 +247,10 @@ impl<'a> Attempt<'a> {
             return;
         };
         let (store, claim) = (&self.worker.store, &self.claim);
-        let result = insist(store, || store.record(claim, record.clone())).await;
+        let result = self
+            .insist
+            .rows(|| store.record(claim, record.clone()))
+            .await;
         self.written(result);
     }
 
@@ -238,11 +276,17 @@ impl<'a> Attempt<'a> {
         }
         let last = self.pending.take().unwrap_or_default();
         let result = match (outcome, stop) {
-            (Ok(finished), _) => self.succeed(finished, last).await,
+            (Ok(finished), _) => match self.succeed(finished, last).await {
+                Err(error @ Error::ContentUnavailable(_)) => {
+                    let (failure, stop) = (self.failure(&error), self.control.reason());
+                    self.end(failure, stop).await
+                }
+                result => result,
+            },
             (Err(failure), stop) => {
                 if last != Record::default() {
                     let (store, claim) = (&self.worker.store, &self.claim);
-                    let result = insist(store, || store.record(claim, last.clone())).await;
+                    let result = self.insist.rows(|| store.record(claim, last.clone())).await;
                     self.written(result);
                 }
                 self.end(failure, stop).await
@@ -277,31 +321,38 @@ impl<'a> Attempt<'a> {
             last,
         };
         let (store, claim) = (&self.worker.store, &self.claim);
-        insist(store, || store.succeed(claim, success.clone())).await
+        let succeed = || store.succeed(claim, success.clone());
+        self.insist.content(succeed).await
     }
 
     async fn end(&self, failure: Failure, stop: Option<Stop>) -> Result<()> {
         let (store, claim) = (&self.worker.store, &self.claim);
         let failed = |reason: FailureReason| async move {
             let id = claim.job_id();
-            let job = insist(store, || {
-                store.attempt_failed(id, claim.attempt, reason.clone())
-            })
-            .await?;
+            let job = self
+                .insist
+                .rows(|| store.attempt_failed(id, claim.attempt, reason.clone()))
+                .await?;
             tracing::warn!(job = %id, ?reason, failures = job.failures, "an attempt failed");
             Ok(())
         };
         match (failure, stop) {
-            (_, Some(Stop::Cancel)) => insist(store, || store.cancelled(claim)).await,
+            (_, Some(Stop::Cancel)) => self.insist.rows(|| store.cancelled(claim)).await,
             (_, Some(Stop::TimeLimit)) => {
                 let seconds = self.worker.options.time_limit.as_secs();
                 let detail = format!("the job took longer than {seconds} seconds");
                 let problem = Problem::new("time_limit", detail);
-                insist(store, || store.fail(claim, problem.clone())).await
+                self.insist
+                    .rows(|| store.fail(claim, problem.clone()))
+                    .await
             }
-            (Failure::Stopped, Some(Stop::Release)) => insist(store, || store.release(claim)).await,
+            (Failure::Stopped, Some(Stop::Release)) => {
+                self.insist.rows(|| store.release(claim)).await
+            }
             (Failure::Final(problem), _) => {
-                insist(store, || store.fail(claim, problem.clone())).await
+                self.insist
+                    .rows(|| store.fail(claim, problem.clone()))
+                    .await
             }
             (Failure::Transient(reason), _) => failed(reason).await,
             (Failure::Stopped, _) => {
@@ -310,25 +361,6 @@ impl<'a> Attempt<'a> {
                 })
                 .await
             }
-        }
-    }
-}
-
-/// Repeats what another process, a full disk or a server that is away delays, as long as the store's
-/// terms allow.
-async fn insist<T, F>(store: &Store, ask: impl Fn() -> F) -> Result<T>
-where
-    F: Future<Output = Result<T>>,
-{
-    let mut tries = 1;
-    loop {
-        match ask().await {
-            Err(error @ (Error::Busy | Error::Full(_))) if tries < store.terms().tries => {
-                tracing::warn!(tries, error.message = %error, "the database is asked again");
-                tries += 1;
-                tokio::time::sleep(PAUSE).await;
-            }
-            result => return result,
         }
     }
 }

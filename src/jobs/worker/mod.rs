@@ -7,12 +7,13 @@
 
 mod attempt;
 mod control;
+mod insist;
 mod lease;
 mod progress;
+mod puts;
 mod sink;
 mod work;
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -96,8 +97,6 @@ pub enum End {
 pub struct Worker {
     /// Its name, as no other process has it.
     pub name: String,
-    /// The folder of the service.
-    pub data_dir: PathBuf,
     /// The service's rows.
     pub store: Store,
     /// What it does with a job.

@@ -89,11 +89,7 @@ pub fn reconstruction(
     observer: &dyn Observer,
 ) -> Result<Product, Failure> {
     let bytes = fs::read(&assignment.file).map_err(|error| match error.kind() {
-        // No attempt finds what somebody has removed from the data folder.
-        io::ErrorKind::NotFound => Failure::Final(Problem::new(
-            "cloud_missing",
-            "the file of the cloud is not in the data folder any more; upload the cloud again",
-        )),
+        io::ErrorKind::NotFound => cloud_missing(),
         _ => Failure::internal(format!("{}: {error}", assignment.file.display())),
     })?;
     // The upload checked the file against the operator's limits.
@@ -132,6 +128,14 @@ pub fn reconstruction(
         report: serde_json::to_value(&result.report).map_err(Failure::internal)?,
         model: result.model.encode().map_err(Failure::internal)?,
     })
+}
+
+/// No attempt finds what somebody has removed.
+pub(super) fn cloud_missing() -> Failure {
+    Failure::Final(Problem::new(
+        "cloud_missing",
+        "the bytes of the cloud are not where they were put any more; upload the cloud again",
+    ))
 }
 
 /// A mesh in the encoding that is stored.

@@ -5,6 +5,7 @@ use meshway::jobs::{Error, NewEvent, NewMesh, Record};
 use meshway::reconstruction::Warning;
 use meshway::reconstruction::training::{GradientHistogram, LayerHistogram, Metrics};
 
+use crate::place::{Place, in_both_places};
 use crate::server::{PATIENCE, until};
 use super::support::{Bench, success};
 
@@ -72,9 +73,9 @@ async fn metrics_and_histograms_come_back_bit_for_bit() {
     );
 }
 
-#[tokio::test]
-async fn an_attempt_starts_again_from_the_checkpoint() {
-    let bench = Bench::new().await;
+in_both_places! {
+async fn an_attempt_starts_again_from_the_checkpoint(place: Place) {
+    let bench = Bench::at(place).await;
     let id = bench.submit().await.id;
     let claim = bench.claim().await;
     bench.store.record(&claim, rows(1..=4)).await.unwrap();
@@ -116,6 +117,61 @@ async fn an_attempt_starts_again_from_the_checkpoint() {
     );
 }
 
+async fn meshes_come_back_whole_and_in_parts(place: Place) {
+    let bench = Bench::at(place).await;
+    let id = bench.submit().await.id;
+    let claim = bench.claim().await;
+    let data: Vec<u8> = (0..2 * CHUNK_BYTES + 5).map(|i| (i % 251) as u8).collect();
+    let old = NewMesh::new(1, 1, vec![0; 3 * CHUNK_BYTES + 1]);
+    bench.store.put_snapshot(&claim, 9, old).await.unwrap();
+    let old = bench.records().mesh_info(&id, 9).await.unwrap().unwrap();
+    let mesh = NewMesh::new(10, 16, data.clone());
+    bench
+        .store
+        .put_snapshot(&claim, 9, mesh.clone())
+        .await
+        .unwrap();
+    let info = bench.records().mesh_info(&id, 9).await.unwrap().unwrap();
+    assert_eq!(
+        (info.vertices, info.triangles, info.bytes),
+        (10, 16, data.len() as u64)
+    );
+    until("the replaced one is removed", PATIENCE, async || {
+        let bytes = bench.store.mesh_bytes(&old).await.unwrap();
+        bytes.is_none().then_some(())
+    })
+    .await;
+
+    let part = async |range| bench.store.object_part(&info.object, range).await.unwrap();
+    let (mut read, end) = (Vec::new(), data.len() as u64);
+    while (read.len() as u64) < end {
+        read.extend(part(read.len() as u64..end).await.unwrap());
+    }
+    assert!(read == data);
+    let from = CHUNK_BYTES as u64 + 3;
+    let middle = part(from..from + 7).await.unwrap();
+    assert_eq!(middle, data[from as usize..][..7]);
+    let whole = bench.store.mesh_bytes(&info).await.unwrap();
+    assert!(whole.as_ref() == Some(&data));
+
+    let zero = bench.store.put_snapshot(&claim, 0, mesh).await;
+    assert!(matches!(zero, Err(Error::SnapshotAtZero)), "{zero:?}");
+    assert_eq!(bench.records().mesh_info(&id, 0).await.unwrap(), None);
+    bench.store.succeed(&claim, success()).await.unwrap();
+    let result = bench.records().mesh_info(&id, 0).await.unwrap().unwrap();
+    // SHA-256 of ten bytes 7, by `printf '\7%.0s' $(seq 10) | sha256sum`.
+    assert_eq!(
+        result.sha256,
+        "bf52943413e4b2e64c1b18f831aae28a7c3e4c2792a99500c06bf6c5a933aab5"
+    );
+    assert_eq!(bench.records().snapshots(&id).await.unwrap(), [info]);
+    assert_eq!(
+        bench.records().model(&id).await.unwrap().unwrap().0,
+        [1, 2, 3]
+    );
+}
+}
+
 fn progress() -> NewEvent {
     NewEvent::Progress {
         fraction: 0.5,
@@ -155,61 +211,4 @@ async fn limits_leave_out_what_repeats_and_nothing_else() {
         ]
     );
     assert_eq!(bench.records().metrics(&id, 0, 10).await.unwrap().len(), 3);
-}
-
-#[tokio::test]
-async fn meshes_come_back_in_chunks() {
-    let bench = Bench::new().await;
-    let id = bench.submit().await.id;
-    let claim = bench.claim().await;
-    let data: Vec<u8> = (0..2 * CHUNK_BYTES + 5).map(|i| (i % 251) as u8).collect();
-    let old = NewMesh::new(1, 1, vec![0; 3 * CHUNK_BYTES + 1]);
-    bench.store.put_snapshot(&claim, 9, old).await.unwrap();
-    let old = bench.records().mesh_info(&id, 9).await.unwrap().unwrap();
-    let mesh = NewMesh::new(10, 16, data.clone());
-    bench
-        .store
-        .put_snapshot(&claim, 9, mesh.clone())
-        .await
-        .unwrap();
-    let info = bench.records().mesh_info(&id, 9).await.unwrap().unwrap();
-    assert_eq!(
-        (info.vertices, info.triangles, info.bytes),
-        (10, 16, data.len() as u64)
-    );
-    until("the replaced one is removed", PATIENCE, async || {
-        let chunk = bench.store.mesh_chunk(&old, 0).await.unwrap();
-        chunk.is_none().then_some(())
-    })
-    .await;
-
-    let mut read = Vec::new();
-    for position in 0..3 {
-        read.extend(
-            bench
-                .store
-                .mesh_chunk(&info, position)
-                .await
-                .unwrap()
-                .unwrap(),
-        );
-    }
-    assert!(read == data);
-    assert_eq!(bench.store.mesh_chunk(&info, 3).await.unwrap(), None);
-
-    let zero = bench.store.put_snapshot(&claim, 0, mesh).await;
-    assert!(matches!(zero, Err(Error::SnapshotAtZero)), "{zero:?}");
-    assert_eq!(bench.records().mesh_info(&id, 0).await.unwrap(), None);
-    bench.store.succeed(&claim, success()).await.unwrap();
-    let result = bench.records().mesh_info(&id, 0).await.unwrap().unwrap();
-    // SHA-256 of ten bytes 7, by `printf '\7%.0s' $(seq 10) | sha256sum`.
-    assert_eq!(
-        result.sha256,
-        "bf52943413e4b2e64c1b18f831aae28a7c3e4c2792a99500c06bf6c5a933aab5"
-    );
-    assert_eq!(bench.records().snapshots(&id).await.unwrap(), [info]);
-    assert_eq!(
-        bench.records().model(&id).await.unwrap().unwrap().0,
-        [1, 2, 3]
-    );
 }

@@ -108,15 +108,12 @@ impl Old {
             .unwrap()
             .unwrap();
         assert_eq!((result.bytes, &*result.sha256), (MESH_BYTES as u64, "hash"));
-        let mut data = Vec::new();
-        for position in 0..=20 {
-            data.extend(store.mesh_chunk(&result, position).await.unwrap().unwrap());
-        }
-        assert!(data == self.mesh);
+        let data = store.mesh_bytes(&result).await.unwrap();
+        assert!(data.as_ref() == Some(&self.mesh));
         let model = store.of(ours()).model(&self.done).await.unwrap().unwrap();
         assert_eq!((&*model.0, &*model.1), (&b"network"[..], "h"));
         let snapshots = store.of(ours()).snapshots(&self.waiting).await.unwrap();
-        let snapshot = store.mesh_chunk(&snapshots[0], 0).await.unwrap().unwrap();
+        let snapshot = store.mesh_bytes(&snapshots[0]).await.unwrap().unwrap();
         assert_eq!((snapshots[0].evaluation, &*snapshot), (3, &b"snapshot"[..]));
         let checkpoint = store
             .of(ours())

@@ -6,6 +6,7 @@ use std::time::Duration;
 use meshway::jobs::store::{CHUNK_BYTES, CONTENT_FILE};
 use meshway::jobs::{Error, Lease, NewMesh};
 
+use crate::place::{Place, in_both_places};
 use crate::server::{PATIENCE, until};
 use super::support::{Bench, LEASE_MS, success};
 
@@ -71,7 +72,7 @@ async fn what_a_dead_process_left_is_collected_and_nothing_that_is_named() {
     .await;
     assert_eq!(collect(None).await, 0);
     let mesh = bench.records().mesh_info(&id, 0).await.unwrap().unwrap();
-    let bytes = bench.store.mesh_chunk(&mesh, 0).await.unwrap().unwrap();
+    let bytes = bench.store.mesh_bytes(&mesh).await.unwrap().unwrap();
     assert_eq!(bytes, [7; 10]);
     assert_eq!(
         bench.records().model(&id).await.unwrap().unwrap().0,
@@ -79,9 +80,9 @@ async fn what_a_dead_process_left_is_collected_and_nothing_that_is_named() {
     );
 }
 
-#[tokio::test]
-async fn content_that_was_refused_stale_or_replaced_does_not_stay() {
-    let bench = Bench::new().await;
+in_both_places! {
+async fn content_that_was_refused_stale_or_replaced_does_not_stay(place: Place) {
+    let bench = Bench::at(place).await;
     bench.submit().await;
     let claim = bench.claim().await;
     for byte in 0..5 {
@@ -91,7 +92,7 @@ async fn content_that_was_refused_stale_or_replaced_does_not_stay() {
         bench.store.put_snapshot(&claim, 3, mesh).await.unwrap();
     }
     until("only the last ones are left", PATIENCE, async || {
-        (makers(&bench).await.len() == 2).then_some(())
+        (bench.objects().await == 2).then_some(())
     })
     .await;
     bench.store.release(&claim).await.unwrap();
@@ -101,14 +102,13 @@ async fn content_that_was_refused_stale_or_replaced_does_not_stay() {
     let claim = bench.claim().await;
     bench.store.cancelled(&claim).await.unwrap();
     until("nothing is left", PATIENCE, async || {
-        makers(&bench).await.is_empty().then_some(())
+        (bench.objects().await == 0).then_some(())
     })
     .await;
 }
 
-#[tokio::test]
-async fn garbage_is_told_from_what_is_about_to_be_named() {
-    let bench = Bench::new().await;
+async fn garbage_is_told_from_what_is_about_to_be_named(place: Place) {
+    let bench = Bench::at(place).await;
     let id = bench.submit().await.id;
     let claim = bench.claim().await;
     let collector = {
@@ -136,11 +136,10 @@ async fn garbage_is_told_from_what_is_about_to_be_named() {
     let meshes = bench.records().snapshots(&id).await.unwrap();
     assert_eq!(meshes.len(), named);
     for mesh in meshes {
-        for position in 0..18 {
-            let chunk = bench.store.mesh_chunk(&mesh, position).await.unwrap();
-            assert!(chunk.unwrap() == vec![mesh.evaluation as u8; CHUNK_BYTES]);
-        }
+        let bytes = bench.store.mesh_bytes(&mesh).await.unwrap().unwrap();
+        assert!(bytes == vec![mesh.evaluation as u8; 18 * CHUNK_BYTES]);
     }
+}
 }
 
 #[tokio::test]

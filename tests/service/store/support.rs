@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
+use crate::place::Place;
 use crate::who::{ours, us};
 use meshway::intake::Summary;
 use meshway::jobs::store::{CONTENT_FILE, DATABASE_FILE};
@@ -33,6 +34,7 @@ pub(crate) struct Bench {
     clock: Arc<AtomicI64>,
     database: Option<String>,
     dir: TempDir,
+    place: Place,
 }
 
 impl Bench {
@@ -41,13 +43,21 @@ impl Bench {
     }
 
     pub(crate) async fn with(change: impl FnOnce(&mut Options)) -> Self {
+        Self::over(Place::Embedded, change).await
+    }
+
+    pub(crate) async fn at(place: Place) -> Self {
+        Self::over(place, |_| {}).await
+    }
+
+    async fn over(place: Place, change: impl FnOnce(&mut Options)) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let clock = Arc::new(AtomicI64::new(1_000_000));
         let database = match ENGINE {
             Engine::Sqlite => None,
             Engine::Postgres => new_database().await,
         };
-        let mut options = options(&clock, database.as_ref());
+        let mut options = place.options(options(&clock, database.as_ref()));
         change(&mut options);
         let store = Store::open(dir.path(), options).await.unwrap();
         let (cloud, created) = store.by(us()).insert_cloud(new_cloud("a")).await.unwrap();
@@ -58,6 +68,7 @@ impl Bench {
             clock,
             database,
             dir,
+            place,
         }
     }
 
@@ -75,13 +86,30 @@ impl Bench {
         self.dir.path()
     }
 
+    pub(crate) fn into_folder(self) -> TempDir {
+        self.dir
+    }
+
     /// Another process's hold on the same database.
     pub(crate) async fn second(&self) -> Store {
         Store::open(self.path(), self.options()).await.unwrap()
     }
 
     pub(crate) fn options(&self) -> Options {
-        options(&self.clock, self.database.as_ref())
+        let options = options(&self.clock, self.database.as_ref());
+        self.place.options(options)
+    }
+
+    /// Number of the objects of the content.
+    pub(crate) async fn objects(&self) -> usize {
+        match &self.place {
+            Place::Bucket(bucket) => bucket.keys().len(),
+            Place::Embedded => {
+                let select = "SELECT COUNT(*) FROM objects";
+                let count = sqlx::query_scalar::<_, i64>(select);
+                count.fetch_one(&mut self.content().await).await.unwrap() as usize
+            }
+        }
     }
 
     /// A bare connection to the same database.

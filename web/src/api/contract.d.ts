@@ -1108,7 +1108,7 @@ export interface components {
         /** @enum {string} */
         Phase: "sampling" | "training" | "surface" | "report";
         Warning: {
-            /** @description Stable name. Of the file: `points_not_finite`, `duplicate_points`, `columns_ignored`, `normals_ignored`, `normals_not_finite`, `normals_zero`, `normals_not_unit`, `header_ignored`, `preamble_skipped`, `columns_ambiguous`, `labels_used`, `labels_ignored`, `array_transposed`, `format_by_content`, `coordinates_coarse`. Of the run: `points_thinned`, `strays_left_out`, `voxels`, `normals_unusable`, `normals_replaced`, `normals_inward`, `normals_turned`, `normals_contradictory`, `one_sided`, `surface_unsupported`, `triangles_above_target`, `checkpoint_refused`, `snapshot_not_written`, `metrics_limit`. Reasons of a verdict: `surface_unsupported`, `points_far`, `sides_unsure`, `area_short`, `pieces_unsupported`, `handles_unsupported`, `strays_stretch`, `body_thin`, `beside_points`, `inside_out`. Later versions may have others. */
+            /** @description Stable name. Of the file: `points_not_finite`, `duplicate_points`, `columns_ignored`, `normals_ignored`, `normals_not_finite`, `normals_zero`, `normals_not_unit`, `header_ignored`, `preamble_skipped`, `columns_ambiguous`, `labels_used`, `labels_ignored`, `array_transposed`, `format_by_content`, `coordinates_coarse`. Of the run: `points_thinned`, `strays_left_out`, `voxels`, `normals_unusable`, `normals_replaced`, `normals_inward`, `normals_turned`, `normals_contradictory`, `one_sided`, `surface_unsupported`, `triangles_above_target`, `checkpoint_refused`, `snapshot_not_written`, `metrics_limit`, `storage_unavailable`. Reasons of a verdict: `surface_unsupported`, `points_far`, `sides_unsure`, `area_short`, `pieces_unsupported`, `handles_unsupported`, `strays_stretch`, `body_thin`, `beside_points`, `inside_out`. Later versions may have others. */
             code: string;
             /** @description One sentence. */
             message: string;
@@ -1322,7 +1322,7 @@ export interface components {
             hash: string;
         };
         /** @enum {string} */
-        ProblemCode: "malformed_request" | "malformed_json" | "malformed_multipart" | "bad_header" | "bad_cursor" | "key_in_address" | "upload_length" | "body_broken_off" | "unauthenticated" | "forbidden" | "cross_origin_refused" | "not_found" | "method_not_allowed" | "not_acceptable" | "upload_timeout" | "result_not_ready" | "model_unreadable" | "cloud_in_use" | "key_name" | "key_in_file" | "webhook_limit" | "held" | "idempotency_in_flight" | "upload_offset" | "upload_taken" | "gone" | "precondition_failed" | "body_too_large" | "too_many_points" | "cloud_needs_memory" | "unsupported_format" | "unsupported_encoding" | "range_not_satisfiable" | "host_not_allowed" | "request_invalid" | "idempotency_mismatch" | "cloud_missing" | "cloud_empty" | "cloud_too_few_points" | "cloud_degenerate" | "cloud_filled" | "slices_unusable" | "cloud_not_finite" | "cloud_too_large" | "cloud_truncated" | "cloud_header" | "cloud_row" | "cloud_no_coordinates" | "orientation_missing" | "source_missing" | "source_unknown" | "normals_invalid" | "settings_invalid" | "settings_conflict" | "grid_too_large" | "training_too_large" | "rate_limited" | "quota" | "head_too_large" | "internal" | "queue_full" | "draining" | "not_ready" | "database_busy" | "insufficient_storage" | "training_diverged" | "no_surface" | "mesh_too_large" | "out_of_memory" | "time_limit" | "worker_crashed";
+        ProblemCode: "malformed_request" | "malformed_json" | "malformed_multipart" | "bad_header" | "bad_cursor" | "key_in_address" | "upload_length" | "body_broken_off" | "unauthenticated" | "forbidden" | "cross_origin_refused" | "not_found" | "method_not_allowed" | "not_acceptable" | "upload_timeout" | "result_not_ready" | "model_unreadable" | "cloud_in_use" | "key_name" | "key_in_file" | "webhook_limit" | "held" | "idempotency_in_flight" | "upload_offset" | "upload_taken" | "gone" | "precondition_failed" | "body_too_large" | "too_many_points" | "cloud_needs_memory" | "unsupported_format" | "unsupported_encoding" | "range_not_satisfiable" | "host_not_allowed" | "request_invalid" | "idempotency_mismatch" | "cloud_missing" | "cloud_empty" | "cloud_too_few_points" | "cloud_degenerate" | "cloud_filled" | "slices_unusable" | "cloud_not_finite" | "cloud_too_large" | "cloud_truncated" | "cloud_header" | "cloud_row" | "cloud_no_coordinates" | "orientation_missing" | "source_missing" | "source_unknown" | "normals_invalid" | "settings_invalid" | "settings_conflict" | "grid_too_large" | "training_too_large" | "rate_limited" | "quota" | "head_too_large" | "internal" | "queue_full" | "draining" | "not_ready" | "database_busy" | "storage_unavailable" | "insufficient_storage" | "training_diverged" | "no_surface" | "mesh_too_large" | "out_of_memory" | "time_limit" | "worker_crashed";
         /** @description As `30d` or `12h`; `never`: until somebody erases it. */
         CloudTtl: string;
         /** @description As `30d` or `12h`; `never`: until somebody erases it; `download`: a minute after its mesh was fetched whole by GET. */
@@ -2556,7 +2556,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description What went wrong: `method_not_allowed` (405, with `Allow`), `rate_limited`, `quota` (429), `malformed_request` (400) for what is no HTTP, `head_too_large` (431), `internal` (500), `database_busy`, `draining` (503); `host_not_allowed` (421) for a `Host` that the service does not go by, `cross_origin_refused` (403) for a change that a page of another site asks for. */
+        /** @description What went wrong: `method_not_allowed` (405, with `Allow`), `rate_limited`, `quota` (429), `malformed_request` (400) for what is no HTTP, `head_too_large` (431), `internal` (500), `database_busy`, `storage_unavailable`, `draining` (503); `host_not_allowed` (421) for a `Host` that the service does not go by, `cross_origin_refused` (403) for a change that a page of another site asks for. */
         Problem: {
             headers: {
                 Allow: components["headers"]["Allow"];
@@ -2734,7 +2734,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description `queue_full`, `draining`, `database_busy`, `not_ready`. */
+        /** @description `queue_full`, `draining`, `database_busy`, `storage_unavailable`, `not_ready`. */
         Unavailable: {
             headers: {
                 "Retry-After": components["headers"]["RetryAfter"];

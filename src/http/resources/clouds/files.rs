@@ -1,27 +1,37 @@
 //! The files of clouds: `clouds/<sha256>` in the data folder, each with a row of a tenant or several.
+//! With an object store new clouds are objects, which go with their rows; of files, only those that
+//! were there before are left.
 //!
 //! A file is in place before its row is written, and is removed after its row. The two steps of an
 //! upload must not mix with those of erasing the same bytes, or a row would be left without its
 //! file. So uploads take a lock shared and erasing takes it exclusively.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::io::ErrorKind;
+use std::path::Path;
 
 use tempfile::NamedTempFile;
 
-use crate::folder::{CLOUDS, in_folder};
+use crate::folder::in_folder;
 use crate::http::AppState;
 use crate::http::upload::spool::{Spooled, storage};
 use crate::http::upload::{Upload, blocking};
-use crate::http::wire::error::{ApiError, Result};
+use crate::http::wire::error::{ApiError, Code, Result};
 use crate::identity::{Caller, Tenant};
 use crate::intake::{File, Summary};
-use crate::jobs::{Cloud, CloudDeletion, CloudId, Error, JobId, Keep, Lookup, NewCloud};
+use crate::jobs::{Cloud, CloudDeletion, CloudId, Error, JobId, Keep, LocalFile, Lookup, NewCloud};
 use crate::reconstruction::cloud::Format;
 
-/// Where the bytes of a cloud are.
-pub(in crate::http) fn path(app: &AppState, sha256: &str) -> PathBuf {
-    app.config.data_dir.join(CLOUDS).join(sha256)
+/// A file with the bytes of a cloud.
+///
+/// # Errors
+/// [`Code::NotFound`] if they are not there any more, and those of the store.
+pub(in crate::http) async fn local(app: &AppState, cloud: &Cloud) -> Result<LocalFile> {
+    let found = app.store.cloud_file(cloud).await?;
+    found.ok_or_else(|| {
+        let detail = "the bytes of the cloud are not where they were put any more; send them again";
+        ApiError::new(Code::NotFound, detail)
+    })
 }
 
 /// Reads and checks an upload. Without the texts that may name somebody it is written to `clean_to`, if it
@@ -67,9 +77,7 @@ pub(in crate::http) async fn usable(
     let records = app.store.of(tenant);
     let known = records.cloud_by_sha256(&upload.spooled.sha256).await?;
     if let Some(cloud) = known
-        && tokio::fs::try_exists(path(app, &cloud.sha256))
-            .await
-            .unwrap_or(false)
+        && app.store.has_cloud_file(&cloud).await?
         && (upload.assume_orientation || !has_assumed(&cloud))
         && upload.keep_identifiers == cloud.summary.keeps_identifiers
         && (upload.keep_identifiers || cloud.summary.cleaned)
@@ -138,8 +146,16 @@ pub(in crate::http) async fn keep(
         summary,
         keep_ms: keep.ms,
     };
-    let target = path(app, &new.sha256);
     let sha256 = new.sha256.clone();
+    if !app.store.keeps_files() {
+        let acts = app.store.by(caller);
+        let kept = acts.upload_cloud(new, spooled.file.path()).await?;
+        // Its row may have named a file.
+        let _alone = app.cloud_files.write().await;
+        remove_unheld(app, &sha256).await?;
+        return Ok(kept);
+    }
+    let target = app.store.cloud_path(&sha256);
     let shared = app.cloud_files.read().await;
     blocking(move || -> std::io::Result<()> {
         let Some(folder) = target.parent() else {
@@ -164,7 +180,8 @@ pub(in crate::http) async fn keep(
 /// Removes a file that no cloud has. The lock must be held exclusively.
 async fn remove_unheld(app: &AppState, sha256: &str) -> std::result::Result<(), Error> {
     if !app.store.holds_sha256(sha256).await?
-        && let Err(error) = tokio::fs::remove_file(path(app, sha256)).await
+        && let Err(error) = tokio::fs::remove_file(app.store.cloud_path(sha256)).await
+        && (app.store.keeps_files() || error.kind() != ErrorKind::NotFound)
     {
         // The next start removes files without a row.
         tracing::warn!(error.message = %error, "the file of a cloud that is gone stays");

@@ -100,9 +100,16 @@ pub(in crate::http) async fn content(
     let cloud = find(&app, &caller.tenant, &id).await?;
     let ending = if cloud.summary.gzipped { ".gz" } else { "" };
     let download = Download {
-        content: Content::File {
-            path: files::path(&app, &cloud.sha256),
-            bytes: cloud.bytes,
+        content: match cloud.object {
+            Some(object) => Content::Stored {
+                store: app.store.clone(),
+                object,
+                bytes: cloud.bytes,
+            },
+            None => Content::File {
+                path: app.store.cloud_path(&cloud.sha256),
+                bytes: cloud.bytes,
+            },
         },
         sha256: cloud.sha256,
         media_type: "application/octet-stream",

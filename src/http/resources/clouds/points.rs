@@ -39,9 +39,9 @@ pub(in crate::http) async fn subset(
     query.finish()?;
     let most = most.unwrap_or(ENOUGH);
     let cloud = find(&app, &caller.tenant, &id).await?;
-    let path = files::path(&app, &cloud.sha256);
+    let local = files::local(&app, &cloud).await?;
     let file = File {
-        path: &path,
+        path: local.path(),
         bytes: cloud.bytes,
         hint: Some(cloud.summary.format),
         // Whoever uploaded the file had to allow it.

@@ -1,7 +1,7 @@
 //! A cache of meshes as files in the requested formats: each is encoded once, and the least recently
 //! used ones are removed.
 //!
-//! The canonical mesh, binary PLY, is in the database and is read from there. A file makes ranges, resumed downloads and a strong `ETag`
+//! The canonical mesh, binary PLY, is in the store and is read from there. A file makes ranges, resumed downloads and a strong `ETag`
 //! the same for all other formats, at the price of one encoding.
 
 use std::collections::{BTreeSet, HashMap};
@@ -242,19 +242,10 @@ fn named(tenant: &Tenant, sha256: &str) -> String {
     hex(Sha256::digest(format!("{tenant} {sha256}")))
 }
 
-/// The bytes of the mesh from the database.
+/// The bytes of the mesh from the store.
 async fn canonical(store: &Store, mesh: &MeshInfo) -> Result<Vec<u8>> {
-    let mut ply = Vec::with_capacity(mesh.bytes as usize);
-    let mut position = 0;
-    while let Some(chunk) = store.mesh_chunk(mesh, position).await? {
-        ply.extend_from_slice(&chunk);
-        position += 1;
-    }
-    if ply.len() as u64 == mesh.bytes {
-        Ok(ply)
-    } else {
-        Err(ApiError::not_found("mesh"))
-    }
+    let ply = store.mesh_bytes(mesh).await?;
+    ply.ok_or_else(|| ApiError::not_found("mesh"))
 }
 
 fn is_full(error: &io::Error) -> bool {

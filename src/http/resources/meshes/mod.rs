@@ -263,7 +263,12 @@ pub(in crate::http) async fn respond(
     };
     let (content, sha256) = if look.is_stored() {
         let (store, sha256) = (app.store.clone(), mesh.sha256.clone());
-        (Content::Stored { store, mesh }, sha256)
+        let content = Content::Stored {
+            store,
+            object: mesh.object,
+            bytes: mesh.bytes,
+        };
+        (content, sha256)
     } else {
         let rendition = Rendition::of(job, evaluation, look);
         app.meshes.get(&app.store, job, &mesh, rendition).await?

@@ -10,11 +10,13 @@
 //! that, and writes its bytes again under another key. Nothing that is named is ever removed.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use bytes::Bytes;
 use futures_util::future::BoxFuture;
 use tokio::sync::{Mutex, watch};
+use tokio::time::timeout;
 use tokio_util::task::AbortOnDropHandle;
 
 use super::ballast::Ballast;
@@ -44,6 +46,8 @@ pub(in crate::jobs::store) struct Burial {
     pub(in crate::jobs::store) logs: Vec<Shredder>,
     /// One at a time.
     pub(in crate::jobs::store) turn: Mutex<()>,
+    /// Whether an object store kept erasing waiting, and nothing could be removed since.
+    pub(in crate::jobs::store) late: AtomicBool,
 }
 
 impl Burial {
@@ -56,6 +60,7 @@ impl Burial {
                 Err(Error::Full(_)) if self.ballast.release() => {}
                 result => {
                     self.logs.iter().for_each(Shredder::wake);
+                    self.late.store(result.is_err(), Ordering::Relaxed);
                     return result.inspect(|()| self.ballast.fill());
                 }
             }
@@ -80,9 +85,7 @@ impl Burial {
             if keys.is_empty() {
                 break;
             }
-            for key in &keys {
-                self.objects.remove(key).await?;
-            }
+            self.objects.remove(&keys).await?;
             self.objects.vacuum().await?;
             let close = self.writer.write(move |mut tx| {
                 Box::pin(async move {
@@ -169,7 +172,16 @@ impl Store {
 
     /// Removes at once what was erased just now; what cannot be, later.
     pub(in crate::jobs::store) async fn bury(&self) {
-        if let Err(error) = self.inner.burial.run().await {
+        let burial = &self.inner.burial;
+        let buried = match self.inner.objects.patience() {
+            None => burial.run().await,
+            Some(_) if burial.late.load(Ordering::Relaxed) => return,
+            Some(patience) => timeout(patience, burial.run()).await.unwrap_or_else(|_| {
+                burial.late.store(true, Ordering::Relaxed);
+                Err(Error::ContentUnavailable("it takes long".to_owned()))
+            }),
+        };
+        if let Err(error) = buried {
             tracing::warn!(error.message = %error, "erased content is removed later");
         }
     }
@@ -232,9 +244,10 @@ impl Transaction<'_> {
     }
 }
 
-async fn is_named<'e>(db: impl Into<On<'e>>, key: &str) -> Result<bool> {
+pub(super) async fn is_named<'e>(db: impl Into<On<'e>>, key: &str) -> Result<bool> {
     let select = "SELECT EXISTS (SELECT 1 FROM meshes WHERE object = ?1)
                       OR EXISTS (SELECT 1 FROM models WHERE object = ?1)
-                      OR EXISTS (SELECT 1 FROM checkpoints WHERE object = ?1)";
+                      OR EXISTS (SELECT 1 FROM checkpoints WHERE object = ?1)
+                      OR EXISTS (SELECT 1 FROM clouds WHERE object = ?1)";
     scalar(select).bind(key).fetch_one(db).await
 }

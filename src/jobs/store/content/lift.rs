@@ -99,7 +99,7 @@ async fn move_one(
     sqlx::query(end).execute(&mut *db).await?;
     if !named? {
         // Another process was first, or took it for garbage. Nobody else knows this key.
-        objects.remove(&kept.key).await?;
+        objects.remove(&[kept.key]).await?;
     }
     Ok(())
 }

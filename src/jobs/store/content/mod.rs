@@ -1,6 +1,10 @@
-//! Large content, in a database of its own, and what keeps it together with the rows.
+//! Large content, apart from the rows, and what keeps it together with them.
 
 pub(in crate::jobs::store) mod ballast;
+pub(in crate::jobs::store) mod bucket;
+pub(in crate::jobs::store) mod clouds;
+pub(in crate::jobs::store) mod embedded;
 pub(in crate::jobs::store) mod graves;
 pub(in crate::jobs::store) mod lift;
 pub(in crate::jobs::store) mod objects;
+pub(in crate::jobs::store) mod place;

@@ -1,5 +1,6 @@
-//! The one data folder of a database: it has the files of clouds and the bytes that rows name. A service
-//! with another folder would take those for missing, and what it erases would stay in the first one.
+//! The one data folder of a database without an object store: it has the files of clouds and the bytes that
+//! rows name. A service with another folder would take those for missing, and what it erases would stay in
+//! the first one.
 
 use std::fs;
 use std::io::{ErrorKind, Write};
@@ -18,11 +19,11 @@ const NAME_FILE: &str = "home";
 ///
 /// # Errors
 /// `Elsewhere` if it has another one; `Full` if the folder cannot be written.
-pub(super) async fn settle(db: &mut PgConnection, folder: &Path) -> Result<()> {
+pub(in crate::jobs::store) async fn settle(db: &mut PgConnection, folder: &Path) -> Result<()> {
     let own = name_of(folder).map_err(|error| Error::Full(error.to_string()))?;
-    let insert = "INSERT INTO home (one, folder) VALUES (1, $1) ON CONFLICT DO NOTHING";
+    let insert = "INSERT INTO meta (name, value) VALUES ('folder', $1) ON CONFLICT DO NOTHING";
     sqlx::query(insert).bind(&own).execute(&mut *db).await?;
-    let select = "SELECT folder FROM home";
+    let select = "SELECT value FROM meta WHERE name = 'folder'";
     let home: String = sqlx::query_scalar(select).fetch_one(db).await?;
     if home == own {
         Ok(())

@@ -6,10 +6,9 @@
 //! and the numbers of events and of the audit trail are in the order of the commits: a reader that has
 //! seen one number has seen all before it.
 
-mod home;
+pub(in crate::jobs::store) mod home;
 pub(in crate::jobs::store) mod notice;
 
-use std::path::Path;
 use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -90,21 +89,19 @@ pub(in crate::jobs::store) struct Session {
 }
 
 impl Session {
-    /// Connects and migrates, and makes it the database of the folder. `committed` is told of each commit.
+    /// Connects and migrates. `committed` is told of each commit.
     ///
     /// # Errors
     /// `Database` where the server cannot be reached, with why; `Migration` if the schema is of a later
-    /// version; `Elsewhere` if it is the database of another folder.
+    /// version.
     pub(in crate::jobs::store) async fn open(
         connect: &PgConnectOptions,
-        folder: &Path,
         clock: ServerClock,
         committed: Arc<Notify>,
     ) -> Result<Self> {
         let unreachable = |error| Error::Database(Arc::new(error));
         let mut db = connect.connect().await.map_err(unreachable)?;
         migrate(&mut db).await?;
-        home::settle(&mut db, folder).await?;
         set_up(&mut db).await?;
         let select = "SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)";
         clock.set(sqlx::query_scalar(select).fetch_one(&mut db).await?);

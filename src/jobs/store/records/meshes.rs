@@ -1,5 +1,9 @@
 //! Encoded meshes and trained models. Their bytes are objects.
 
+use std::ops::Range;
+
+use bytes::Bytes;
+
 use super::row::{Columns, integer, of_tenant};
 use crate::jobs::store::Transaction;
 use crate::jobs::store::content::objects::Kept;
@@ -59,11 +63,19 @@ impl Records<'_> {
 }
 
 impl Store {
-    /// The bytes of a mesh from `position` · [`CHUNK_BYTES`](crate::jobs::store::CHUNK_BYTES) on, that many or
-    /// to the end; none past the end, and none when the mesh was erased meanwhile.
-    pub async fn mesh_chunk(&self, mesh: &MeshInfo, position: u64) -> Result<Option<Vec<u8>>> {
-        let position = integer(position);
-        self.inner.objects.chunk(&mesh.object, position).await
+    /// Some of the bytes of a range within an object from its start on, at least one; none when it was
+    /// erased meanwhile.
+    pub async fn object_part(&self, object: &str, range: Range<u64>) -> Result<Option<Bytes>> {
+        self.inner.objects.part(object, range).await
+    }
+
+    /// All bytes of a mesh; none when it was erased meanwhile.
+    pub async fn mesh_bytes(&self, mesh: &MeshInfo) -> Result<Option<Vec<u8>>> {
+        let object = Kept {
+            key: mesh.object.clone(),
+            bytes: mesh.bytes,
+        };
+        self.inner.objects.whole(&object).await
     }
 }
 

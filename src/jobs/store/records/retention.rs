@@ -311,6 +311,7 @@ impl Transaction<'_> {
             return Ok(CloudDeletion::InUse);
         }
         for statement in [
+            "INSERT INTO graves (key) SELECT object FROM clouds WHERE id = ?1 AND object IS NOT NULL",
             "DELETE FROM clouds WHERE id = ?1",
             "UPDATE jobs SET cloud_erased = 1 WHERE cloud_id = ?1",
         ] {

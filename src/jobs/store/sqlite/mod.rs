@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
 /// Names and texts of the migrations, in their order.
 pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 18] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 19] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -117,6 +117,10 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 18] = [
     (
         "sums_of_waiting",
         include_str!("../../../../migrations/0018_sums_of_waiting.sql"),
+    ),
+    (
+        "cloud_objects",
+        include_str!("../../../../migrations/0019_cloud_objects.sql"),
     ),
 ];
 

@@ -1,0 +1,147 @@
+//! Files of clouds: in the folder `clouds/`, or with an object store an object each.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use bytes::Bytes;
+use futures_util::TryStreamExt;
+use sha2::{Digest, Sha256};
+use tempfile::{NamedTempFile, TempPath};
+
+use super::bucket::Bucket;
+use super::objects::{Kept, new_key};
+use crate::folder::{CLOUDS, UPLOADS, in_folder};
+use crate::jobs::store::Store;
+use crate::jobs::{Cloud, Error, Result};
+
+/// A file with the bytes of a cloud, for as long as this is held.
+#[derive(Debug)]
+pub struct LocalFile {
+    path: PathBuf,
+    /// Removes what was fetched.
+    _fetched: Option<TempPath>,
+}
+
+impl LocalFile {
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Store {
+    /// Whether new clouds are files in the folder `clouds/`, which are the caller's to put there.
+    pub fn keeps_files(&self) -> bool {
+        self.inner.objects.bucket().is_none()
+    }
+
+    /// The file of a cloud in the folder, where it is one.
+    pub fn cloud_path(&self, sha256: &str) -> PathBuf {
+        self.inner.folder.join(CLOUDS).join(sha256)
+    }
+
+    /// A file with the bytes of the cloud: its own, or one that is fetched from the object store. None
+    /// if they are not there.
+    ///
+    /// # Errors
+    /// `ContentUnavailable` without the object store; `Full` if there is no room; `Inconsistent` if
+    /// the bytes are others.
+    pub async fn cloud_file(&self, cloud: &Cloud) -> Result<Option<LocalFile>> {
+        let Some(key) = &cloud.object else {
+            let path = self.cloud_path(&cloud.sha256);
+            let there = tokio::fs::try_exists(&path).await.unwrap_or(false);
+            let file = LocalFile {
+                path,
+                _fetched: None,
+            };
+            return Ok(there.then_some(file));
+        };
+        let fetched = self.bucket()?.fetch(key, cloud, &self.inner.folder).await?;
+        Ok(fetched.map(|fetched| LocalFile {
+            path: fetched.to_path_buf(),
+            _fetched: Some(fetched),
+        }))
+    }
+
+    /// Whether the bytes of the cloud are there.
+    ///
+    /// # Errors
+    /// `ContentUnavailable` without the object store.
+    pub async fn has_cloud_file(&self, cloud: &Cloud) -> Result<bool> {
+        match &cloud.object {
+            Some(key) => self.bucket()?.has(key).await,
+            None => Ok(tokio::fs::try_exists(self.cloud_path(&cloud.sha256))
+                .await
+                .unwrap_or(false)),
+        }
+    }
+
+    /// Writes a file that the row of a cloud is to name into the object store.
+    pub(in crate::jobs::store) async fn put_cloud(&self, file: &Path) -> Result<Kept> {
+        let key = new_key();
+        match self.bucket()?.put_file(&key, file).await {
+            Ok(kept) => Ok(kept),
+            Err(error) => {
+                self.discard(vec![key]).await;
+                Err(error)
+            }
+        }
+    }
+
+    fn bucket(&self) -> Result<&Bucket> {
+        let none = || Error::ContentRefused("there is no object store".to_owned());
+        self.inner.objects.bucket().ok_or_else(none)
+    }
+}
+
+impl Bucket {
+    /// A temporary file with the bytes of a cloud, as it was sent; none if they are not there.
+    async fn fetch(&self, key: &str, cloud: &Cloud, folder: &Path) -> Result<Option<TempPath>> {
+        let uploads = folder.join(UPLOADS);
+        let made = in_folder(&uploads, || NamedTempFile::new_in(&uploads));
+        let (file, path) = made.map_err(full)?.into_parts();
+        let mut written = Written {
+            file,
+            hash: Sha256::new(),
+        };
+        let mut parts = self.parts(key, cloud.bytes);
+        while let Some(part) = parts.try_next().await? {
+            let Some(part) = part else {
+                return Ok(None);
+            };
+            written = written.with(part).await?;
+        }
+        if hex::encode(written.hash.finalize()) != cloud.sha256 {
+            return Err(Error::Inconsistent {
+                table: "clouds",
+                column: "object",
+                detail: format!("the bytes of {} are not those that were sent", cloud.id),
+            });
+        }
+        Ok(Some(path))
+    }
+}
+
+/// A file, and the hash of what was written to it.
+struct Written {
+    file: File,
+    hash: Sha256,
+}
+
+impl Written {
+    /// The same with more bytes. Hashing and writing block, and leases are renewed meanwhile.
+    async fn with(mut self, part: Bytes) -> Result<Self> {
+        let written = tokio::task::spawn_blocking(move || {
+            self.hash.update(&part);
+            self.file.write_all(&part).map(|()| self)
+        });
+        let written = written.await.map_err(|_| Error::Closed)?;
+        written.map_err(full)
+    }
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
+fn full(error: std::io::Error) -> Error {
+    Error::Full(error.to_string())
+}
