@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # The recipes of docker/ for nginx and Caddy, as files of theirs with other ports and names: a cloud goes in and its mesh
-# comes out, events come while the job runs, an upload that was cut goes on, and each request has the name of the proxy.
+# comes out, events come while the job runs, an upload that was cut goes on, and each request has the name of the proxy
+# and the address of its client.
 # Needs nginx, caddy, curl and openssl.
 #
 # MESHWAY: the program (target/release/meshway).
@@ -14,7 +15,7 @@ for tool in nginx caddy curl openssl; do
   command -v $tool >/dev/null || { echo "proxy: no $tool (Debian: apt-get install $tool)" >&2; exit 1; }
 done
 
-export MESHWAY_ALLOWED_HOSTS=mesh.example.org
+export MESHWAY_ALLOWED_HOSTS=mesh.example.org MESHWAY_TRUSTED_PROXIES=127.0.0.1/32
 . "$root/scripts/served.sh"
 openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj /CN=mesh.example.org \
   -addext subjectAltName=DNS:mesh.example.org -keyout "$work/key.pem" -out "$work/cert.pem" 2>/dev/null
@@ -88,6 +89,11 @@ for proxy in nginx caddy; do
 
   # Another name is refused by the service, or is none of the sites of the proxy.
   jobs=$(ask "$there/v1/jobs"); grep -q '"items"' <<<"$jobs" || fail "$proxy: no list of jobs"
+  # Who asks is the client, not the proxy, and not whoever the client says.
+  [ $proxy = nginx ] && client=127.0.0.2 || client=127.0.0.3
+  ask --interface $client -H 'X-Forwarded-For: 6.6.6.6' -o "$work/answer" "$there/v1/jobs"
+  grep -q "client.address=$client " "$work/log" || fail "$proxy: the address of the client is not known"
+  grep -q 'client.address=6' "$work/log" && fail "$proxy: a client says who it is"
   jobs=$(ask -H 'Host: other.example.org' "$there/v1/jobs" 2>/dev/null || true)
   [ -z "$jobs" ] || fail "$proxy: another name is answered: $jobs"
   kill "$besides_server"

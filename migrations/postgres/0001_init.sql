@@ -285,6 +285,32 @@ CREATE TABLE now_served (
 );
 INSERT INTO now_served VALUES (1, 0);
 
+-- How many jobs wait, and their estimated work, in sums; no row where none waits.
+CREATE TABLE waiting (
+    tenant   TEXT COLLATE "C" NOT NULL,
+    priority BIGINT NOT NULL,
+    jobs     BIGINT NOT NULL CHECK (jobs >= 0),
+    cost_ms  BIGINT NOT NULL CHECK (cost_ms >= 0),
+    PRIMARY KEY (tenant, priority)
+) WITH (fillfactor = 50);
+CREATE FUNCTION job_waits() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    IF TG_OP <> 'INSERT' AND OLD.status = 'queued' THEN
+        UPDATE waiting SET jobs = jobs - 1, cost_ms = cost_ms - OLD.cost_ms
+            WHERE tenant = OLD.tenant AND priority = OLD.priority;
+        DELETE FROM waiting WHERE tenant = OLD.tenant AND priority = OLD.priority AND jobs = 0;
+    END IF;
+    IF TG_OP <> 'DELETE' AND NEW.status = 'queued' THEN
+        INSERT INTO waiting VALUES (NEW.tenant, NEW.priority, 1, NEW.cost_ms)
+            ON CONFLICT (tenant, priority) DO UPDATE
+            SET jobs = waiting.jobs + 1, cost_ms = waiting.cost_ms + excluded.cost_ms;
+    END IF;
+    RETURN NULL;
+END
+$$;
+CREATE TRIGGER jobs_wait AFTER INSERT OR UPDATE OF status, tenant, priority, cost_ms OR DELETE ON jobs
+    FOR EACH ROW EXECUTE FUNCTION job_waits();
+
 -- ORDER BY turn, created_at, id is the order in which jobs are claimed.
 CREATE VIEW queue AS
     SELECT id, tenant, created_at, cost_ms,

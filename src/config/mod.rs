@@ -19,7 +19,7 @@ use ipnet::IpNet;
 use serde::{Deserialize, Serialize};
 
 use crate::identity::Keyring;
-use list::{list, parts};
+use list::list;
 
 pub use database::DatabaseUrl;
 pub use file::{FileError, file_arguments};
@@ -91,6 +91,11 @@ pub struct Config {
     /// them.
     #[arg(long, env = "MESHWAY_ALLOWED_ORIGINS", default_value = "")]
     pub allowed_origins: String,
+
+    /// Networks of proxies that tell where a request comes from (`X-Forwarded-For`), as in `127.0.0.1/32`, with
+    /// commas between them. Others are not believed.
+    #[arg(long, env = "MESHWAY_TRUSTED_PROXIES", default_value = "", value_parser = list::<IpNet>)]
+    pub trusted_proxies: String,
 
     /// Path below which a proxy offers the service, as in `/meshway`: the addresses in its answers
     /// begin with it, and requests are taken with it and without.
@@ -282,28 +287,6 @@ impl Config {
     /// How long an upload that was cut is kept without further bytes, in milliseconds.
     pub fn upload_keep_ms(&self) -> i64 {
         i64::from(self.upload_keep_hours) * HOUR_MS
-    }
-
-    /// Origins of other sites whose pages may use the service.
-    pub fn origins(&self) -> impl Iterator<Item = &str> {
-        parts(&self.allowed_origins)
-    }
-
-    /// Names that the service goes by besides localhost and its addresses.
-    pub fn hosts(&self) -> impl Iterator<Item = &str> {
-        parts(&self.allowed_hosts)
-    }
-
-    /// Networks that receivers of webhooks may be in.
-    pub fn webhook_networks(&self) -> Vec<IpNet> {
-        let networks = parts(&self.webhook_networks);
-        networks.filter_map(|part| part.parse().ok()).collect()
-    }
-
-    /// Ports that they may have besides the usual ones.
-    pub fn webhook_ports(&self) -> Vec<u16> {
-        let ports = parts(&self.webhook_ports);
-        ports.filter_map(|part| part.parse().ok()).collect()
     }
 
     /// The address of a path of ours, as clients see it.

@@ -106,6 +106,41 @@ async fn keys_come_from_the_file_and_go_with_a_signal() {
 }
 
 #[tokio::test]
+async fn a_key_of_one_network_is_good_behind_a_trusted_proxy() {
+    let folder = TempDir::new().unwrap();
+    let (anna, block) = new_key("anna", "read", &["--networks=203.0.113.0/24"]);
+    fs::write(folder.path().join("clinic.toml"), block).unwrap();
+    let asked = async |server: &Server, forwarded: &str| {
+        let head = format!("{}X-Forwarded-For: {forwarded}\r\n", bearer(&anna));
+        let mut client = Connection::open(server.address()).await.unwrap();
+        let answer = client.ask("GET /v1/jobs", &head, &[]).await.unwrap();
+        answer.status
+    };
+    let server = start(&folder, 0).await;
+    assert_eq!(asked(&server, "203.0.113.7").await, 401);
+    assert!(server.terminate().await.success());
+
+    let config = folder.path().join("clinic.toml");
+    let block = fs::read_to_string(&config).unwrap();
+    fs::write(
+        &config,
+        format!("trusted_proxies = \"127.0.0.1/32\"\n{block}"),
+    )
+    .unwrap();
+    let server = start(&folder, 1).await;
+    assert_eq!(asked(&server, "203.0.113.7").await, 200);
+    // What the client itself wrote before the proxy added its address.
+    assert_eq!(asked(&server, "203.0.113.7, 198.51.100.4").await, 401);
+    assert_eq!(status(&server, &anna, "GET /v1/jobs").await, 401);
+    let log = server.log();
+    assert!(log.contains("client.address=203.0.113.7"), "{log}");
+    assert!(server.terminate().await.success());
+    let output = audit(folder.path(), &["export"]);
+    let rows = String::from_utf8(output.stdout).unwrap();
+    assert!(rows.contains("198.51.100.4"), "{rows}");
+}
+
+#[tokio::test]
 async fn a_file_of_keys_with_a_fault_is_refused_at_the_start() {
     let folder = TempDir::new().unwrap();
     let file = folder.path().join("clinic.toml");

@@ -18,7 +18,7 @@ use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 
 use crate::http::AppState;
-use crate::http::door::places::Peer;
+use crate::http::door::client::Client;
 use crate::http::door::{origin, passwords};
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::header;
@@ -77,7 +77,7 @@ pub(in crate::http) async fn admit(
     mut request: Request,
     next: Next,
 ) -> Result<Response> {
-    let address = request.extensions().get::<Peer>().map(|peer| peer.0.ip());
+    let address = request.extensions().get::<Client>().map(|client| client.0);
     let id = request_id::current().unwrap_or_default();
     let operation = operation(&request);
     let asking = |caller: Caller| caller.asking(address, &id);

@@ -1,6 +1,7 @@
 //! The door: connections, and the layers around every handler.
 
 pub(in crate::http) mod base;
+mod client;
 pub(in crate::http) mod head;
 pub(in crate::http) mod keys;
 pub(in crate::http) mod limits;

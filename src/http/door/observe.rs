@@ -14,7 +14,7 @@ use futures_util::FutureExt;
 use tracing::Instrument;
 
 use crate::http::AppState;
-use crate::http::door::places::Peer;
+use crate::http::door::client::Client;
 use crate::http::wire::error::{ApiError, Code};
 use crate::http::wire::request_id::{self, REQUEST_ID};
 
@@ -43,14 +43,14 @@ pub(in crate::http) async fn observe(
     // The query is left out because it may contain labels.
     let path = request.uri().path();
     let path = if route == "unmatched" { "" } else { path }.to_owned();
-    let peer = request.extensions().get::<Peer>().map(|peer| peer.0);
+    let client = request.extensions().get::<Client>().map(|client| client.0);
     let span = tracing::info_span!(
         "request",
         http.request.id = id,
         http.method = method,
         http.route = route,
         url.path = path,
-        client.address = peer.map(tracing::field::display),
+        client.address = client.map(tracing::field::display),
         trace.parent = traceparent.and_then(|parent| parent.to_str().ok()),
     );
     let handled = async {

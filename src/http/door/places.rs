@@ -5,7 +5,6 @@
 //! kept for probes, or an orchestrator would take a busy service for a dead one.
 
 use std::collections::BTreeMap;
-use std::net::SocketAddr;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
@@ -17,10 +16,6 @@ use tokio_util::sync::CancellationToken;
 
 /// Extra places, kept for probes.
 const KEPT: usize = 32;
-
-/// The other end of a connection.
-#[derive(Debug, Clone, Copy)]
-pub(in crate::http) struct Peer(pub(in crate::http) SocketAddr);
 
 /// All places.
 #[derive(Debug)]

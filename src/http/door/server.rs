@@ -2,6 +2,7 @@
 
 use std::convert::Infallible;
 use std::io;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,14 +16,16 @@ use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::{GracefulConnection, GracefulShutdown};
+use ipnet::IpNet;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio_io_timeout::TimeoutStream;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
 
+use crate::http::door::client::Client;
 use crate::http::door::head;
-use crate::http::door::places::{Peer, Place, Places, Watched};
+use crate::http::door::places::{Place, Places, Watched};
 use crate::http::door::stream::{Requests, Stream};
 use crate::http::door::tls::Tls;
 use crate::http::wire::error::{ApiError, Code};
@@ -61,6 +64,7 @@ pub async fn serve_tls(
     let graceful = GracefulShutdown::new();
     let cut = CancellationToken::new();
     let tidying = tokio::spawn(idempotency::tidy(AppState::clone(&app)));
+    let proxies: Arc<[IpNet]> = app.config.trusted_proxies().into();
     let service = router(app);
     loop {
         let accepted = tokio::select! {
@@ -84,6 +88,7 @@ pub async fn serve_tls(
             requests: Arc::default(),
             router: service.clone(),
             peer,
+            proxies: Arc::clone(&proxies),
         };
         let (cut, watcher, tls) = (cut.clone(), graceful.watcher(), tls.clone());
         tokio::spawn(async move {
@@ -117,11 +122,11 @@ pub async fn serve_tls(
 async fn accept(
     listener: &TcpListener,
     places: &Arc<Places>,
-) -> io::Result<(TcpStream, Peer, Place)> {
+) -> io::Result<(TcpStream, SocketAddr, Place)> {
     // Only once a client is there, because taking a place may close another connection.
     let (stream, peer) = listener.accept().await?;
     stream.set_nodelay(true)?;
-    Ok((stream, Peer(peer), places.take().await))
+    Ok((stream, peer, places.take().await))
 }
 
 /// What bytes go over.
@@ -144,7 +149,8 @@ struct Connection {
     place: Arc<Place>,
     requests: Arc<Requests>,
     router: Router,
-    peer: Peer,
+    peer: SocketAddr,
+    proxies: Arc<[IpNet]>,
 }
 
 impl Connection {
@@ -174,7 +180,8 @@ impl Connection {
             ([close], refused).into_response()
         } else {
             let mut request = request;
-            request.extensions_mut().insert(self.peer);
+            let client = Client::behind(self.peer.ip(), request.headers(), &self.proxies);
+            request.extensions_mut().insert(client);
             self.router.oneshot(request).await?
         };
         Ok(response.map(|body| Body::new(Watched::new(body, work))))

@@ -1,5 +1,7 @@
 //! The database of the rows: `SQLite` in the data folder, or Postgres.
 
+use std::time::Duration;
+
 use sqlx::SqliteConnection;
 
 use crate::jobs::Result;
@@ -30,10 +32,10 @@ impl Session for Engine {
         }
     }
 
-    async fn begin(&mut self) -> Result<()> {
+    async fn begin(&mut self, patience: Duration) -> Result<()> {
         match self {
-            Self::Sqlite(db) => db.begin().await,
-            Self::Postgres(session) => session.begin().await,
+            Self::Sqlite(db) => db.begin(patience).await,
+            Self::Postgres(session) => session.begin(patience).await,
         }
     }
 

@@ -62,6 +62,7 @@ use postgres::notice::Notices;
 use postgres::{ServerClock, Session};
 use sql::Readers;
 use sqlite::shredder::Shredder;
+use sqlite::writer::ready;
 use sqlite::{MIGRATIONS, OPENING, connect_options, migrated, writing};
 
 /// File of the database in the data folder.
@@ -204,6 +205,7 @@ impl Store {
         let mut db = migrated(&writing(&connect), &MIGRATIONS, patience).await?;
         let objects = Arc::new(Objects::open(data_dir, &options).await?);
         lift::lift(&mut db, &objects).await?;
+        ready(&mut db).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             .acquire_timeout(options.busy_timeout)

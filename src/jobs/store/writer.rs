@@ -38,8 +38,8 @@ pub(in crate::jobs::store) trait Session: Send + 'static {
 
     fn db(&mut self) -> Self::Db<'_>;
 
-    /// Begins a transaction, waiting for those of others.
-    fn begin(&mut self) -> impl Future<Output = Result<()>> + Send;
+    /// Begins a transaction, waiting for those of others, but no longer than that.
+    fn begin(&mut self, patience: Duration) -> impl Future<Output = Result<()>> + Send;
 
     /// Runs a statement about a savepoint.
     fn run(&mut self, statement: &'static str) -> impl Future<Output = Result<()>> + Send;
@@ -223,7 +223,7 @@ impl<S: Session> Writing<S> {
     }
 
     async fn transact(&mut self, group: &mut [Box<dyn Request<S>>]) -> Result<()> {
-        self.session.begin().await?;
+        self.session.begin(self.options.busy_timeout).await?;
         for request in group {
             self.session.run("SAVEPOINT request").await?;
             let transaction = Transaction {

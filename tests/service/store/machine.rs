@@ -237,7 +237,13 @@ impl Machine {
     }
 
     async fn check(&self) {
+        let mut waiting = 0;
         for model in &self.jobs {
+            let place = self.store.of(ours()).place(&model.id).await.unwrap();
+            let waits = !model.erased && model.status == Status::Queued;
+            waiting += u64::from(waits);
+            // The sums from which it is told are those of the jobs, whatever has happened to them.
+            assert_eq!(place.map(|place| place.position), waits.then_some(waiting));
             let found = self.store.of(ours()).job(&model.id).await.unwrap();
             if model.erased {
                 assert!(matches!(found, Lookup::Gone(_)), "{found:?}");

@@ -3,7 +3,9 @@
 use std::time::Duration;
 
 use meshway::identity::{Caller, Tenant};
-use meshway::jobs::{FailureReason, Job, JobId, NewJob, Options, Place, Problem, Store};
+use meshway::jobs::{
+    FailureReason, Job, JobId, KeepChange, NewJob, Options, Place, Problem, Store,
+};
 use serde_json::json;
 use sqlx::Connection;
 
@@ -139,9 +141,22 @@ async fn places_are_the_order_in_which_jobs_are_claimed() {
     let digits: Vec<i64> = digits.bytes().map(|b| i64::from(b - b'0')).collect();
     for (i, step) in digits.windows(3).enumerate() {
         let caller = &callers[step[0] as usize % 3];
-        submit(&bench, caller, 0.5 + step[1] as f64, step[2] % 3).await;
+        let job = submit(&bench, caller, 0.5 + step[1] as f64, step[2] % 3).await;
         if i % 4 == 3 {
             run_one(&bench.store).await;
+        }
+        if i % 8 == 1 {
+            let claim = bench.claim().await;
+            bench.store.release(&claim).await.unwrap();
+        }
+        if i % 8 == 5 {
+            let priority = Some(step[0] % 3);
+            let change = KeepChange {
+                priority,
+                ..KeepChange::default()
+            };
+            let acts = bench.store.by(caller);
+            acts.keep_job(&job.id, change).await.unwrap();
         }
     }
     let mut places = Vec::new();
@@ -223,6 +238,10 @@ async fn jobs_from_before_turns_are_claimed_in_their_order() {
         .unwrap();
     let places = store.of(ours()).places().await.unwrap();
     assert_eq!((places[&ids[0]].position, places[&ids[1]].position), (1, 2));
+    for id in &ids {
+        let place = store.of(ours()).place(id).await.unwrap();
+        assert_eq!(place, Some(places[id]));
+    }
     for id in &ids {
         let claim = store.claim("w", LEASE_MS).await.unwrap().unwrap();
         assert_eq!((&claim.job.id, claim.job.priority), (id, 0));

@@ -17,7 +17,7 @@ use tokio::sync::watch;
 use uuid::Uuid;
 
 use crate::jobs::Result;
-use crate::jobs::store::sqlite::writer::Writer;
+use crate::jobs::store::sqlite::writer::{Writer, ready};
 use crate::jobs::store::sqlite::{OPENING, connect_options, migrated, writing};
 use crate::jobs::store::{CONTENT_FILE, Options, READERS};
 
@@ -72,7 +72,8 @@ impl Objects {
         let opened = writing(&connect)
             .page_size(PAGE_BYTES)
             .pragma("wal_autocheckpoint", LOG_PAGES);
-        let db = migrated(&opened, &MIGRATIONS, OPENING * options.busy_timeout).await?;
+        let mut db = migrated(&opened, &MIGRATIONS, OPENING * options.busy_timeout).await?;
+        ready(&mut db).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             .acquire_timeout(options.busy_timeout)

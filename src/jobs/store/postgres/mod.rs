@@ -160,7 +160,8 @@ impl writer::Session for Session {
         &mut self.db
     }
 
-    async fn begin(&mut self) -> Result<()> {
+    /// The server has the patience, as it was told when it was connected to.
+    async fn begin(&mut self, _: Duration) -> Result<()> {
         if self.lost {
             self.connect().await?;
         }

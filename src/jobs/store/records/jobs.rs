@@ -188,7 +188,7 @@ impl Transaction<'_> {
         if !known {
             return Err(Error::CloudMissing(new.cloud_id.clone()));
         }
-        let waiting: i64 = scalar("SELECT COUNT(*) FROM jobs WHERE status = 'queued'")
+        let waiting: i64 = scalar("SELECT CAST(COALESCE(SUM(jobs), 0) AS BIGINT) FROM waiting")
             .fetch_one(&mut self.db)
             .await?;
         let limit = self.options.queue_limit;

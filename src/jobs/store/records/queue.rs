@@ -1,7 +1,7 @@
 //! Whose job is next, and how much was worked for whom.
 //!
 //! Tenants take turns, weighed by the estimated cost of their jobs; the view `queue` of the database
-//! is the one definition of the order (migrations 0011 and 0017 have the rule). What is claimed moves its tenant
+//! is the one definition of the order (migrations 0011, 0017 and 0018 have the rule). What is claimed moves its tenant
 //! on by its cost. Within a tenant a higher priority goes first, then what was submitted first.
 
 use std::collections::HashMap;
@@ -93,16 +93,10 @@ impl Transaction<'_> {
     /// so that only those are compared.
     pub(in crate::jobs::store) async fn next_in_queue(&mut self) -> Result<Option<(JobId, i64)>> {
         let row = query(
-            "WITH RECURSIVE tenants (tenant) AS (
-                 SELECT MIN(tenant) FROM jobs INDEXED BY jobs_waiting WHERE status = 'queued'
-                 UNION ALL
-                 SELECT (SELECT MIN(tenant) FROM jobs INDEXED BY jobs_waiting
-                         WHERE status = 'queued' AND tenant > tenants.tenant)
-                 FROM tenants WHERE tenant IS NOT NULL)
-             SELECT first.id,
+            "SELECT first.id,
                  MAX(COALESCE((SELECT served_ms FROM turns WHERE turns.tenant = first.tenant), 0),
                      (SELECT turn FROM now_served)) AS turn
-             FROM tenants JOIN jobs AS first ON first.id =
+             FROM (SELECT DISTINCT tenant FROM waiting) AS tenants JOIN jobs AS first ON first.id =
                  (SELECT id FROM jobs INDEXED BY jobs_waiting
                   WHERE status = 'queued' AND tenant = tenants.tenant
                   ORDER BY priority DESC, created_at, id LIMIT 1)
@@ -178,21 +172,28 @@ impl Transaction<'_> {
 
 /// Number of a waiting job in the queue, the estimated work up to its end, and its own.
 ///
-/// The jobs of its own tenant are a range of the index, and those of the others are looked at only
-/// where there are any: a submit asks for this, so that it must not cost what the whole view costs.
+/// A submit asks for this, so that it must not cost more the more jobs wait. What is before a job of
+/// its own tenant are the sums without the jobs behind it, of which a new one has none; and the jobs
+/// of others are looked at only where there are any.
 async fn place(db: &mut Db<'_>, id: &JobId) -> Result<Option<(u64, u64, u64)>> {
     let own = query(
-        "SELECT own.tenant, own.created_at, own.cost_ms,
-                COUNT(*) AS position, CAST(SUM(ahead.cost_ms) AS BIGINT) AS upto_ms,
+        "WITH own AS (SELECT * FROM jobs WHERE id = ?1 AND status = 'queued'),
+             upto AS (SELECT CAST(SUM(waiting.jobs) AS BIGINT) AS jobs,
+                             CAST(SUM(waiting.cost_ms) AS BIGINT) AS cost_ms
+                      FROM own JOIN waiting
+                          ON waiting.tenant = own.tenant AND waiting.priority >= own.priority),
+             behind AS (SELECT COUNT(*) AS jobs,
+                               CAST(COALESCE(SUM(later.cost_ms), 0) AS BIGINT) AS cost_ms
+                        FROM own JOIN jobs AS later INDEXED BY jobs_waiting
+                            ON later.status = 'queued' AND later.tenant = own.tenant
+                               AND later.priority = own.priority
+                               AND (later.created_at, later.id) > (own.created_at, own.id))
+         SELECT own.tenant, own.created_at, own.cost_ms,
+                upto.jobs - behind.jobs AS position, upto.cost_ms - behind.cost_ms AS upto_ms,
                 MAX(COALESCE((SELECT served_ms FROM turns WHERE turns.tenant = own.tenant), 0),
                     (SELECT turn FROM now_served))
-                + CAST(SUM(ahead.cost_ms) AS BIGINT) - own.cost_ms AS turn
-         FROM jobs AS own JOIN jobs AS ahead INDEXED BY jobs_waiting
-             ON ahead.status = 'queued' AND ahead.tenant = own.tenant
-                AND (-ahead.priority, ahead.created_at, ahead.id)
-                    <= (-own.priority, own.created_at, own.id)
-         WHERE own.id = ?1 AND own.status = 'queued'
-         GROUP BY own.id",
+                + upto.cost_ms - behind.cost_ms - own.cost_ms AS turn
+         FROM own, upto, behind",
     )
     .bind(id.as_str())
     .fetch_optional(&mut *db)
@@ -201,22 +202,31 @@ async fn place(db: &mut Db<'_>, id: &JobId) -> Result<Option<(u64, u64, u64)>> {
         return Ok(None);
     };
     let own = Columns::new("jobs", &own);
-    let others = query(
-        "SELECT COUNT(*) AS position, CAST(COALESCE(SUM(cost_ms), 0) AS BIGINT) AS upto_ms FROM queue
-         WHERE tenant <> ?1 AND (turn, created_at, id) <= (?2, ?3, ?4)",
-    )
-    .bind(own.get::<&str>("tenant")?)
-    .bind(own.get::<i64>("turn")?)
-    .bind(own.get::<i64>("created_at")?)
-    .bind(id.as_str())
-    .fetch_one(db)
-    .await?;
-    let others = Columns::new("jobs", &others);
-    Ok(Some((
-        own.count("position")? + others.count("position")?,
-        own.count("upto_ms")? + others.count("upto_ms")?,
+    let mut place = (
+        own.count("position")?,
+        own.count("upto_ms")?,
         own.count("cost_ms")?,
-    )))
+    );
+    let tenant = own.get::<&str>("tenant")?;
+    let others = "SELECT EXISTS (SELECT 1 FROM waiting WHERE tenant <> ?1)";
+    let others: bool = scalar(others).bind(tenant).fetch_one(&mut *db).await?;
+    if others {
+        let others = query(
+            "SELECT COUNT(*) AS position, CAST(COALESCE(SUM(cost_ms), 0) AS BIGINT) AS upto_ms
+             FROM queue
+             WHERE tenant <> ?1 AND (turn, created_at, id) <= (?2, ?3, ?4)",
+        )
+        .bind(tenant)
+        .bind(own.get::<i64>("turn")?)
+        .bind(own.get::<i64>("created_at")?)
+        .bind(id.as_str())
+        .fetch_one(db)
+        .await?;
+        let others = Columns::new("jobs", &others);
+        place.0 += others.count("position")?;
+        place.1 += others.count("upto_ms")?;
+    }
+    Ok(Some(place))
 }
 
 /// Estimated work that is left of the running jobs, in milliseconds.

@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
 /// Names and texts of the migrations, in their order.
 pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 17] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 18] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -113,6 +113,10 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 17] = [
     (
         "waiting",
         include_str!("../../../../migrations/0017_waiting.sql"),
+    ),
+    (
+        "sums_of_waiting",
+        include_str!("../../../../migrations/0018_sums_of_waiting.sql"),
     ),
 ];
 

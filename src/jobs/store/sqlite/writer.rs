@@ -1,14 +1,24 @@
 //! How a transaction of the writing task begins and ends on `SQLite`.
 
 use std::future::Future;
+use std::time::{Duration, Instant};
 
 use sqlx::{Connection, SqliteConnection};
 
-use crate::jobs::Result;
 use crate::jobs::store::writer::{self, Session};
+use crate::jobs::{Error, Result};
 
 /// The writing task of a database that is `SQLite`, whatever the other ones are.
 pub(in crate::jobs::store) type Writer = writer::Writer<SqliteConnection>;
+
+/// Pause between two tries to get the lock that another process has. `SQLite` itself would wait longer and longer,
+/// up to 100 ms, while those processes commit and go on in two.
+const LOOK: Duration = Duration::from_millis(1);
+
+/// Makes a connection that of a writing task: it does not wait for a lock itself, see [`Session::begin`].
+pub(in crate::jobs::store) async fn ready(db: &mut SqliteConnection) -> Result<()> {
+    db.run("PRAGMA busy_timeout = 0").await
+}
 
 impl Session for SqliteConnection {
     type Db<'c> = &'c mut SqliteConnection;
@@ -17,8 +27,14 @@ impl Session for SqliteConnection {
         self
     }
 
-    async fn begin(&mut self) -> Result<()> {
-        self.run("BEGIN IMMEDIATE").await
+    async fn begin(&mut self, patience: Duration) -> Result<()> {
+        let start = Instant::now();
+        loop {
+            match self.run("BEGIN IMMEDIATE").await {
+                Err(Error::Busy) if start.elapsed() < patience => tokio::time::sleep(LOOK).await,
+                begun => return begun,
+            }
+        }
     }
 
     async fn run(&mut self, statement: &'static str) -> Result<()> {
