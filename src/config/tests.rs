@@ -99,7 +99,7 @@ fn a_database_elsewhere_is_refused_without_its_certificate_and_shown_without_its
     assert_eq!(problems.len(), 1, "{problems:?}");
     assert!(problems[0].contains("verify-full"), "{problems:?}");
     let config = parse("", &[far, "--insecure-backend"]);
-    assert_eq!(config.problems(4), [String::new(); 0]);
+    assert!(config.problems(4).is_empty());
     let printed = config.to_toml().unwrap();
     assert!(!printed.contains("secret"), "{printed}");
     let again = parse(&printed, &[]).database.unwrap();
