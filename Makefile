@@ -1,5 +1,5 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-medical bench-service soak soak-audit fuzz-medical deny clean
+.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-medical bench-service bench-store soak soak-audit fuzz-medical deny clean
 .DEFAULT_GOAL := help
 
 help:
@@ -17,6 +17,7 @@ help:
 	@echo "             dense clouds from true surfaces, beside Open3D, which it installs under target/"
 	@echo "make bench-medical  label maps of known solids, beside VTK, which it installs under target/"
 	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
+	@echo "make bench-store  what the store writes in a second, on SQLite and on Postgres (one minute)"
 	@echo "make soak    jobs under random faults; MINUTES=10"
 	@echo "make soak-audit  the audit trail of a service that is killed again and again; KILLS=500"
 	@echo "make fuzz-medical  120,000 damaged label maps and DICOM files"
@@ -101,6 +102,9 @@ $(MEDICAL_VENV): benches/medical/requirements.txt
 
 bench-service: build
 	cargo bench --locked --bench service
+
+bench-store: setup
+	FSYNC=on ./scripts/postgres.sh cargo bench --locked --bench store
 
 soak: setup
 	@./scripts/soak.sh $(MINUTES)

@@ -53,6 +53,7 @@ pub(super) struct Orders {
     /// The database of the rows, with its password; none: that of the folder.
     pub(super) database: Option<String>,
     /// Name of the start of the service; empty where no other one shares its database.
+    #[serde(default)]
     pub(super) node: String,
 }
 

@@ -90,3 +90,20 @@ fn an_open_address_too_many_threads_and_too_little_memory_are_problems() {
     }
     assert_eq!(parse("", &["--workers=2"]).worker_threads(8), 4);
 }
+
+#[test]
+fn a_database_elsewhere_is_refused_without_its_certificate_and_shown_without_its_password() {
+    let far = "--database=postgres://a:secret@db.example/c";
+    let config = parse("", &[far]);
+    let problems = config.problems(4);
+    assert_eq!(problems.len(), 1, "{problems:?}");
+    assert!(problems[0].contains("verify-full"), "{problems:?}");
+    let config = parse("", &[far, "--insecure-backend"]);
+    assert!(config.problems(4).is_empty());
+    let printed = config.to_toml().unwrap();
+    assert!(!printed.contains("secret"), "{printed}");
+    let again = parse(&printed, &[]).database.unwrap();
+    assert_eq!(again.to_string(), "postgres://a@db.example/c");
+    let near = "--database=postgres://a@localhost/c?sslmode=disable";
+    assert!(parse("", &[near]).problems(4).is_empty());
+}

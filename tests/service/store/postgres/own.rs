@@ -1,9 +1,15 @@
 //! What is Postgres' own: a lock over all processes, connections that are lost, notices.
 
 use std::collections::BTreeSet;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use meshway::jobs::{Act, AuditOutcome, Error, JobFilter, Status, Store};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use url::Url;
 
 use crate::store::bare::Bare;
 use crate::store::postgres::support::{Bench, LEASE_MS};
@@ -83,9 +89,8 @@ async fn connections_that_are_cut_are_made_again() {
     );
 }
 
-/// The worst moment: the server has committed, and the connection is cut before it can say so.
 #[tokio::test]
-async fn a_commit_whose_answer_is_lost_is_asked_for() {
+async fn a_commit_that_is_cut_is_there_or_refused() {
     let Some((bench, mut other)) = bench().await else {
         return;
     };
@@ -115,6 +120,62 @@ async fn a_commit_whose_answer_is_lost_is_asked_for() {
     let listed = bench.records().list_jobs(&all, None, 50).await.unwrap();
     assert_eq!(submitted.is_ok(), listed.len() == 1, "{submitted:?}");
     bench.store.check_writable().await.unwrap();
+}
+
+/// A way to the server that takes the answer to a commit away once, and cuts the connection.
+async fn thief(server: SocketAddr, armed: Arc<AtomicBool>) -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    tokio::spawn(async move {
+        while let Ok((client, _)) = listener.accept().await {
+            tokio::spawn(carry(client, server, Arc::clone(&armed)));
+        }
+    });
+    address
+}
+
+async fn carry(mut client: TcpStream, server: SocketAddr, armed: Arc<AtomicBool>) {
+    let mut server = TcpStream::connect(server).await.unwrap();
+    let (mut asked, mut answered) = ([0; 8_192], [0; 8_192]);
+    let mut stolen = false;
+    loop {
+        tokio::select! {
+            Ok(bytes @ 1..) = client.read(&mut asked) => {
+                let commits = asked[..bytes].windows(6).any(|part| part == b"COMMIT");
+                stolen = commits && armed.swap(false, Ordering::SeqCst);
+                server.write_all(&asked[..bytes]).await.unwrap();
+            }
+            Ok(bytes @ 1..) = server.read(&mut answered) => {
+                if stolen || client.write_all(&answered[..bytes]).await.is_err() {
+                    return;
+                }
+            }
+            else => return,
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_commit_whose_answer_is_lost_is_asked_for() {
+    let Some((bench, _)) = bench().await else {
+        return;
+    };
+    let mut options = bench.options();
+    let mut url: Url = options.database.unwrap().parse().unwrap();
+    let server = url.socket_addrs(|| None).unwrap()[0];
+    let armed = Arc::new(AtomicBool::new(false));
+    let way = thief(server, Arc::clone(&armed)).await;
+    url.set_port(Some(way.port())).unwrap();
+    options.database = Some(url.into());
+    let store = Store::open(bench.path(), options).await.unwrap();
+    store.check_writable().await.unwrap();
+    armed.store(true, Ordering::SeqCst);
+    let job = store.by(us()).submit(bench.new_job(), None).await.unwrap();
+    assert!(!armed.load(Ordering::SeqCst), "no answer was taken away");
+    let all = JobFilter::default();
+    let listed = bench.records().list_jobs(&all, None, 50).await.unwrap();
+    assert_eq!(listed, [job]);
+    store.by(us()).submit(bench.new_job(), None).await.unwrap();
 }
 
 #[tokio::test]
