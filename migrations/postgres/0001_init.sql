@@ -18,8 +18,8 @@ CREATE FUNCTION json_each(document TEXT) RETURNS TABLE (key TEXT, value TEXT)
     $$SELECT key, value FROM json_each_text(replace(document, '\u0000', '\ufffe')::json)$$;
 
 -- What is known of the database as a whole: its id, by which it finds its objects; as objects the address of
--- the store that has them, if one does; as folder the name in the file "home" of the data folder that has the
--- bytes otherwise.
+-- the store that has them, if one does; as folder the name in the file "home" of the data folder of its one
+-- service.
 CREATE TABLE meta (
     name  TEXT COLLATE "C" NOT NULL PRIMARY KEY,
     value TEXT COLLATE "C" NOT NULL

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use clap::{Args, Subcommand};
 use ipnet::IpNet;
+use toml::value::Datetime;
 
 use super::Failure;
 use super::files::Sink;
@@ -34,11 +35,27 @@ struct New {
     #[arg(long, value_delimiter = ',', required = true)]
     scopes: Vec<Scope>,
     /// Its last day, in UTC, as in 2027-12-31, or a moment, as in 2027-12-31T12:00:00Z.
-    #[arg(long)]
+    #[arg(long, value_parser = moment)]
     expires: Option<String>,
     /// The only networks that it may come from, with commas between, as in 10.20.0.0/16.
-    #[arg(long, value_delimiter = ',')]
+    #[arg(long, value_delimiter = ',', value_parser = network)]
     networks: Vec<IpNet>,
+}
+
+fn moment(text: &str) -> Result<String, String> {
+    let form = "must be a day, as in 2027-12-31, or a moment, as in 2027-12-31T12:00:00Z";
+    let moment = text.parse::<Datetime>().map_err(|_| form)?;
+    let named = moment.date.is_some() && (moment.time.is_none() || moment.offset.is_some());
+    if named {
+        Ok(text.to_owned())
+    } else {
+        Err(form.to_owned())
+    }
+}
+
+fn network(text: &str) -> Result<IpNet, String> {
+    let form = "must be a network, as in 10.20.0.0/16 or fd00::/8";
+    text.parse().map_err(|_| form.to_owned())
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {

@@ -104,14 +104,8 @@ pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Res
     result
 }
 
-async fn serve(
-    arguments: &Arguments,
-    cores: usize,
-    substitute: Option<&Substitute>,
-) -> Result<(), Failure> {
-    let config = &arguments.config;
-    let folder = DataFolder::take(&config.data_dir).await?;
-    let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
+/// Opens the rows and the content, wherever they are.
+async fn open(config: &Config) -> Result<Store, Failure> {
     let options = store::Options {
         queue_limit: config.queue_limit.into(),
         events_limit: config.max_events.into(),
@@ -122,10 +116,21 @@ async fn serve(
         ..store::Options::default()
     };
     let store = Store::open(&config.data_dir, options);
-    let store = store.await.map_err(|error| match &config.backend.database {
+    store.await.map_err(|error| match &config.backend.database {
         Some(database) => Failure::Output(format!("--database {database}: {error}")),
-        None => failed(error),
-    })?;
+        None => Failure::Output(error.to_string()),
+    })
+}
+
+async fn serve(
+    arguments: &Arguments,
+    cores: usize,
+    substitute: Option<&Substitute>,
+) -> Result<(), Failure> {
+    let config = &arguments.config;
+    let folder = DataFolder::take(&config.data_dir).await?;
+    let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
+    let store = open(config).await?;
     folder.sweep(&store).await?;
     if store.keeps_files() {
         store.collect_garbage(None).await.map_err(failed)?;
@@ -140,6 +145,7 @@ async fn serve(
     for key in store.keys().await.map_err(failed)? {
         config.keys.add(key);
     }
+    upkeep::tell_doubts(&config.keys, &store);
     let tls = tls(config)?;
     let post = Post::new(Policy::of(config), config.webhook_ca.as_deref())
         .map_err(|error| Failure::Usage(format!("--webhook-ca {error}")))?;
@@ -175,7 +181,7 @@ async fn serve(
     );
     end_on_signals(&shutdown)?;
     if let Some(file) = &arguments.file {
-        upkeep::reload_keys(file.clone(), config.keys.clone())?;
+        upkeep::reload_keys(file.clone(), config.keys.clone(), store.clone())?;
     }
     tokio::spawn(upkeep::keep_audit(store.clone(), config.clone()));
     tokio::spawn(http::keep_sweeping(AppState::clone(&app)));

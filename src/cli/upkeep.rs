@@ -16,11 +16,18 @@ const DAILY: Duration = Duration::from_hours(24);
 
 const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
 
+/// Logs what an operator will hardly have meant in the file of keys.
+pub(super) fn tell_doubts(keys: &Keyring, store: &Store) {
+    for doubt in keys.doubts(store.now()) {
+        tracing::warn!(doubt, "is this meant?");
+    }
+}
+
 /// Takes the keys of the file over at each SIGHUP. A file with faults changes nothing.
 ///
 /// # Errors
 /// When the signal cannot be caught.
-pub(super) fn reload_keys(file: PathBuf, keys: Keyring) -> Result<(), Failure> {
+pub(super) fn reload_keys(file: PathBuf, keys: Keyring, store: Store) -> Result<(), Failure> {
     let mut signals = signal(SignalKind::hangup())
         .map_err(|error| Failure::Output(format!("no signals: {error}")))?;
     tokio::spawn(async move {
@@ -30,7 +37,10 @@ pub(super) fn reload_keys(file: PathBuf, keys: Keyring) -> Result<(), Failure> {
             let new = read.and_then(|text| Keyring::of_file(&text).map_err(|e| e.to_string()));
             let taken = new.and_then(|new| keys.replace(&new).map_err(|e| e.to_string()));
             match taken {
-                Ok(()) => tracing::info!(keys = keys.all().len(), "the keys were read again"),
+                Ok(()) => {
+                    tracing::info!(keys = keys.all().len(), "the keys were read again");
+                    tell_doubts(&keys, &store);
+                }
                 Err(error) => tracing::error!(
                     file = %file.display(),
                     error.message = error,

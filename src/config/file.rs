@@ -9,6 +9,7 @@ use clap::error::{ContextKind, ContextValue};
 use thiserror::Error;
 use toml::de::{DeTable, DeValue};
 
+use crate::identity::told;
 use crate::nearest::did_you_mean;
 
 /// The parts of the file that are no settings: [`crate::identity::Keyring`] reads them.
@@ -19,7 +20,7 @@ const KEYS: [&str; 3] = ["keys", "users", "tenants"];
 pub enum FileError {
     /// Not TOML.
     #[error("{0}")]
-    Syntax(#[from] toml::de::Error),
+    Syntax(String),
     /// Keys that no setting has, and values that their settings do not take: a line for each, with
     /// its line in the file, and what is allowed.
     #[error("{0}")]
@@ -32,7 +33,7 @@ pub enum FileError {
 /// # Errors
 /// [`FileError`] for text that is no flat TOML, and for unknown keys.
 pub fn file_arguments(text: &str, command: &Command) -> Result<Vec<OsString>, FileError> {
-    let table = DeTable::parse(text)?;
+    let table = DeTable::parse(text).map_err(|error| FileError::Syntax(told(&error, text)))?;
     // What the environment says is not the file's fault.
     let alone = command
         .clone()

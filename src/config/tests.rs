@@ -102,7 +102,7 @@ fn a_database_elsewhere_is_refused_without_its_certificate_and_shown_without_its
     assert!(config.problems(4).is_empty());
     let printed = config.to_toml().unwrap();
     assert!(!printed.contains("secret"), "{printed}");
-    let again = parse(&printed, &[]).database.unwrap();
+    let again = parse(&printed, &[]).backend.database.unwrap();
     assert_eq!(again.to_string(), "postgres://a@db.example/c");
     let near = "--database=postgres://a@localhost/c?sslmode=disable";
     assert!(parse("", &[near]).problems(4).is_empty());

@@ -10,7 +10,7 @@ use time::{Date, Duration, OffsetDateTime, Time, UtcOffset};
 use toml::value::{Datetime, Offset};
 
 use super::keyring::{Key, KeyFault, Ring};
-use super::{Limits, Password, Scope, Scopes, Tenant, User};
+use super::{Limits, Password, Scope, Scopes, Secret, Tenant, User};
 
 /// Most characters of a name.
 const LONGEST_NAME: usize = 64;
@@ -59,12 +59,29 @@ struct WrittenTenant {
     limits: Limits,
 }
 
+/// What is wrong with a file in TOML, by the number of its line. The line itself is not shown: there may be a
+/// secret in it, and this goes into logs.
+pub(crate) fn told(error: &toml::de::Error, text: &str) -> String {
+    let start = error.span().map_or(0, |span| span.start);
+    let before = text.get(..start).unwrap_or_default();
+    let number = 1 + before.matches('\n').count();
+    let line = text.lines().nth(number - 1).unwrap_or_default();
+    let secret = line.split(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
+    if secret.filter(|part| part.parse::<Secret>().is_ok()).count() > 0 {
+        return format!(
+            "line {number} has a key in it, which is for its holder alone: the file gets the block with its hash \
+             that `meshway key new` prints below it. Make another key, since this one was readable here"
+        );
+    }
+    format!("line {number}: {}", error.message())
+}
+
 /// Reads keys, users and tenants.
 ///
 /// # Errors
 /// [`KeyFault`], which names the place in the file.
 pub(super) fn read(text: &str) -> Result<Ring, KeyFault> {
-    let file: File = toml::from_str(text).map_err(|error| KeyFault(error.to_string()))?;
+    let file: File = toml::from_str(text).map_err(|error| KeyFault(told(&error, text)))?;
     let mut ring = Ring::default();
     let mut names = HashSet::new();
     for (i, written) in file.keys.into_iter().enumerate() {

@@ -247,7 +247,7 @@ impl Keyring {
         }
     }
 
-    fn ring(&self) -> Arc<Ring> {
+    pub(super) fn ring(&self) -> Arc<Ring> {
         Arc::clone(&self.0.read().unwrap_or_else(PoisonError::into_inner))
     }
 }
@@ -327,6 +327,11 @@ mod tests {
                 "'10.0.0.0/33' is no network",
             ),
             (file(&secret, "scope = 1"), "unknown field `scope`"),
+            (
+                format!("{}\n{good}", secret.reveal()),
+                "line 1 has a key in it",
+            ),
+            (format!("{good}\nx"), "line 7: "),
             (good.replace("\"write\"", "\"all\""), "not 'all'"),
             (good.replace("\"read\", \"write\"", ""), "scopes is empty"),
             (

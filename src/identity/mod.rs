@@ -5,6 +5,7 @@
 //! belongs to a tenant can only be asked for in the name of one.
 
 mod caller;
+mod doubts;
 pub mod file;
 mod key;
 mod keyring;
@@ -14,6 +15,7 @@ mod tenant;
 mod user;
 
 pub use caller::{Actor, Caller};
+pub(crate) use file::told;
 pub use key::{KeyHash, Secret};
 pub use keyring::{Key, KeyFault, Keyring, Refusal};
 pub use limits::{Allowance, Holder, Limits, Measure, Policy};

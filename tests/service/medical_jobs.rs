@@ -59,6 +59,11 @@ async fn a_label_is_chosen_and_becomes_a_mesh_in_the_patient() {
     let folder = Folder::new().await;
     let server = folder.serve(&[]).await;
     let file = gzip(&label_map(1));
+    let refused = post(&server, "/v1/jobs", "", &file).await;
+    assert_eq!(refused.status, 422, "{:?}", refused.json());
+    let mut connection = Connection::open(server.address()).await.unwrap();
+    let clouds = connection.ask("GET /v1/clouds", "", &[]).await.unwrap();
+    assert_eq!(clouds.json()["items"], json!([]), "nothing stays of it");
     let answer = post(&server, "/v1/clouds", "", &file).await;
     assert_eq!(answer.status, 201, "{:?}", answer.json());
     let cloud = answer.json();
@@ -71,7 +76,6 @@ async fn a_label_is_chosen_and_becomes_a_mesh_in_the_patient() {
     assert_eq!(segmentation["items"][0]["number"], 1);
     assert_eq!(segmentation["items"][1]["number"], 5);
 
-    let mut connection = Connection::open(server.address()).await.unwrap();
     let settings = json!({"training": {"max_evaluations": 60}, "surface": {"resolution": 32}});
     let mut request = json!({"cloud_id": cloud["id"], "preset": "fast", "settings": settings});
     let refused = connection.post("/v1/jobs", "", &request).await.unwrap();

@@ -102,7 +102,8 @@ pub(in crate::http) async fn admit(
     };
     if !caller.may(scope) {
         note(&app, &caller, Act::AuthDeny, &operation).await;
-        return Err(lacking(scope));
+        let detail = format!("the key does not have the scope {scope}, which this needs");
+        return Err(lacking(scope, &detail));
     }
     let standing = app.windows.count(&caller, app.store.now());
     if let Some(refusal) = standing.refusal() {
@@ -259,8 +260,8 @@ pub(in crate::http) fn unauthenticated(detail: &str, error: Option<&str>) -> Api
     challenge(ApiError::new(Code::Unauthenticated, detail), &error)
 }
 
-pub(in crate::http) fn lacking(scope: Scope) -> ApiError {
-    let detail = format!("the key does not have the scope {scope}, which this needs");
+/// What a key is refused that does not have the scope.
+pub(in crate::http) fn lacking(scope: Scope, detail: &str) -> ApiError {
     let error = format!(", error=\"insufficient_scope\", scope=\"{scope}\"");
     challenge(ApiError::new(Code::Forbidden, detail), &error).with("scope", scope.name().into())
 }

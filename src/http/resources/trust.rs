@@ -61,8 +61,14 @@ pub(in crate::http) async fn create_key(
                       the file of --config: `meshway key new` makes it";
         return Err(ApiError::new(Code::KeyInFile, detail));
     }
-    if let Some(scope) = scopes.iter().find(|scope| !caller.may(*scope)) {
-        return Err(lacking(scope));
+    let beyond: Vec<_> = scopes.iter().filter(|scope| !caller.may(*scope)).collect();
+    if let Some(&scope) = beyond.first() {
+        let names: Vec<_> = beyond.iter().map(|scope| scope.name()).collect();
+        let detail = format!(
+            "a key can give only the scopes that it has itself; this one lacks {}",
+            names.join(", ")
+        );
+        return Err(lacking(scope, &detail));
     }
     let secret = Secret::generate().map_err(ApiError::internal)?;
     let key = Key {

@@ -277,6 +277,23 @@ async fn what_is_held_is_not_erased() {
 }
 
 #[tokio::test]
+async fn a_job_that_is_held_holds_its_cloud() {
+    let timed = Timed::with(&["--cloud-ttl=1d"]).await;
+    let job = timed.ended(0.0, json!({})).await;
+    let cloud = timed.show(&job).await["links"]["cloud"].clone();
+    let cloud = cloud.as_str().unwrap();
+    timed.patch(&job, json!({"hold": true})).await.expect(200);
+    let refused = timed.service.delete(cloud).await;
+    expect_contract(&refused, "delete", "/v1/clouds/{id}");
+    refused.expect_problem(409, "held");
+    timed.pass(2 * DAY_MS).await;
+    timed.show(cloud).await;
+    timed.patch(&job, json!({"hold": false})).await.expect(200);
+    timed.pass(1).await;
+    timed.expect_gone(cloud, "expired").await;
+}
+
+#[tokio::test]
 async fn a_job_goes_once_its_mesh_was_fetched_whole() {
     let timed = Timed::with(&[]).await;
     let job = timed.ended(0.0, json!({"ttl": "download"})).await;

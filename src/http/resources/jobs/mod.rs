@@ -80,16 +80,21 @@ pub(in crate::http) async fn create(
         let response = estimate(&app, &caller.tenant, &asked, upload.as_ref()).await?;
         return attempt.keep(response, None).await;
     }
-    let cloud = match (upload, &asked.cloud_id) {
+    let (cloud, cost) = match (upload, &asked.cloud_id) {
         (Some(upload), _) => {
             let keep = Wanted::keep(None, app.config.cloud_ttl);
             let usable = files::usable(&app, &caller.tenant, upload).await?;
-            files::keep(&app, &caller, usable, keep).await?.0
+            // Before it is kept: of a request that is refused nothing stays.
+            let cost = asked.check(&app.config, Some(&usable.summary))?;
+            (files::keep(&app, &caller, usable, keep).await?.0, cost)
         }
-        (None, Some(id)) => find_cloud(&app, &caller.tenant, id).await?,
+        (None, Some(id)) => {
+            let cloud = find_cloud(&app, &caller.tenant, id).await?;
+            let cost = asked.check(&app.config, Some(&cloud.summary))?;
+            (cloud, cost)
+        }
         (None, None) => return Err(ApiError::internal("a job without a cloud was let in")),
     };
-    let cost = asked.check(&app.config, Some(&cloud.summary))?;
     let new = asked.of_cloud(cloud.id, &cost, &app.config);
     let job = submit(&app, &caller, new, attempt).await?;
     wish.answer(&app, &caller, job).await

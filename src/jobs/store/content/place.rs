@@ -25,18 +25,16 @@ pub(in crate::jobs::store) async fn open(
     data_dir: &Path,
     options: &Arc<Options>,
 ) -> Result<Objects> {
+    if let (Db::Postgres(db), false) = (&mut *db, options.rows_only) {
+        home::settle(db, data_dir).await?;
+    }
     let select = "SELECT value FROM meta WHERE name = 'objects'";
     let used: Option<String> = scalar(select).fetch_optional(&mut *db).await?;
     match (&options.objects, used) {
         (None, Some(used)) if !options.rows_only => Err(Error::ContentRefused(format!(
             "the content of this folder is in the object store {used}; name it with --objects"
         ))),
-        (None, _) => {
-            if let (Db::Postgres(db), false) = (&mut *db, options.rows_only) {
-                home::settle(db, data_dir).await?;
-            }
-            Ok(Objects::Embedded(Embedded::open(data_dir, options).await?))
-        }
+        (None, _) => Ok(Objects::Embedded(Embedded::open(data_dir, options).await?)),
         (Some(url), used) => {
             let bucket = Bucket::new(url, options)?;
             // The server has looked before it starts workers.

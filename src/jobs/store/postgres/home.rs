@@ -1,6 +1,6 @@
-//! The one data folder of a database without an object store: it has the files of clouds and the bytes that
-//! rows name. A service with another folder would take those for missing, and what it erases would stay in
-//! the first one.
+//! The one data folder of a database: it has uploads that may go on, and without an object store the files of
+//! clouds and the bytes that rows name. A service with another folder would take those for missing, and what
+//! it erases would stay in the first one.
 
 use std::fs;
 use std::io::{ErrorKind, Write};

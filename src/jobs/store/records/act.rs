@@ -30,8 +30,12 @@ acts! {
     CloudMatch "E" "cloud.match";
     /// The bytes or points of a cloud were fetched.
     CloudRead "R" "cloud.read";
-    /// How long a cloud is kept, or whether it is held, was changed.
+    /// How long a cloud is kept was changed.
     CloudKeep "U" "cloud.keep";
+    /// A cloud is held from then on.
+    CloudHold "U" "cloud.hold";
+    /// A cloud is held no more.
+    CloudRelease "U" "cloud.release";
     /// A cloud was erased.
     CloudDelete "D" "cloud.delete";
     /// An upload was begun that may go on after it was cut.
@@ -42,8 +46,12 @@ acts! {
     JobCreate "C" "job.create";
     /// The end of a job was asked for.
     JobCancel "U" "job.cancel";
-    /// How long a job is kept, or whether it is held, was changed.
+    /// How long a job is kept, or when it has its turn, was changed.
     JobKeep "U" "job.keep";
+    /// A job is held from then on, and its cloud with it.
+    JobHold "U" "job.hold";
+    /// A job is held no more.
+    JobRelease "U" "job.release";
     /// A job was erased with its results.
     JobDelete "D" "job.delete";
     /// Jobs were submitted together.

@@ -80,7 +80,7 @@ impl Acts<'_> {
     /// that have ended keep its name and know that it is gone.
     ///
     /// # Errors
-    /// `Held` if it is held.
+    /// `Held` if it is held, or a job that names it is.
     pub async fn delete_cloud(self, id: &CloudId) -> Result<CloudDeletion> {
         self.erase_cloud(id, Reason::Deleted).await
     }
@@ -133,7 +133,12 @@ impl Acts<'_> {
                     .bind(change.priority.unwrap_or(job.priority))
                     .execute(&mut tx.db)
                     .await?;
-                    tx.witness(&caller, Act::JobKeep, id.as_str()).await?;
+                    let act = match change.hold {
+                        Some(true) => Act::JobHold,
+                        Some(false) => Act::JobRelease,
+                        None => Act::JobKeep,
+                    };
+                    tx.witness(&caller, act, id.as_str()).await?;
                     Ok(Lookup::Found(Box::new(tx.load_job(&id).await?)))
                 })
             })
@@ -161,7 +166,12 @@ impl Acts<'_> {
                     .fetch_optional(&mut tx.db)
                     .await?;
                     let Some(row) = row else { return Ok(None) };
-                    tx.witness(&caller, Act::CloudKeep, id.as_str()).await?;
+                    let act = match change.hold {
+                        Some(true) => Act::CloudHold,
+                        Some(false) => Act::CloudRelease,
+                        None => Act::CloudKeep,
+                    };
+                    tx.witness(&caller, act, id.as_str()).await?;
                     cloud_of(&row).map(Some)
                 })
             })
@@ -224,7 +234,7 @@ impl Store {
     pub async fn due_clouds(&self, limit: u32) -> Result<Vec<(CloudId, Tenant)>> {
         let select = "SELECT id, tenant FROM clouds WHERE expires_at <= ?1 AND hold = 0
                       AND NOT EXISTS (SELECT 1 FROM jobs WHERE cloud_id = clouds.id
-                                      AND status IN ('queued', 'running'))
+                                      AND (hold = 1 OR status IN ('queued', 'running')))
                       ORDER BY expires_at LIMIT ?2";
         self.due("clouds", select, limit).await
     }
@@ -298,7 +308,14 @@ impl Transaction<'_> {
             return Ok(CloudDeletion::Missing);
         };
         let cloud = cloud_of(&row)?;
-        self.check_erasable(cloud.hold, cloud.expires_at, reason)?;
+        let held: bool = scalar(
+            "SELECT EXISTS (SELECT 1 FROM jobs WHERE cloud_id = ?1 AND tenant = ?2 AND hold = 1)",
+        )
+        .bind(id.as_str())
+        .bind(caller.tenant.as_str())
+        .fetch_one(&mut self.db)
+        .await?;
+        self.check_erasable(cloud.hold || held, cloud.expires_at, reason)?;
         let in_use: bool = scalar(
             "SELECT EXISTS (SELECT 1 FROM jobs
              WHERE cloud_id = ?1 AND tenant = ?2 AND status IN ('queued', 'running'))",
