@@ -332,8 +332,8 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
         let expected = match table.as_str() {
             "_sqlx_migrations" => continue,
             // Of idempotency the key, so that a repeated request makes no second job; of the tenant, not of
-            // the job: where it stands in the queue, and how long was worked for it.
-            "clouds" | "idempotency" | "turns" | "now_served" | "compute" => 1,
+            // the job: where it stands in the queue, and how long was worked for it. Of the database its id.
+            "clouds" | "idempotency" | "turns" | "now_served" | "compute" | "meta" => 1,
             // sqlite_sequence: the largest ids of events and meshes that were ever given.
             "tombstones" | "sqlite_sequence" => 2,
             _ => 0,
