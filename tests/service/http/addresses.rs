@@ -175,7 +175,7 @@ async fn folders_that_somebody_removed_are_made_again() {
         lost["detail"]
             .as_str()
             .unwrap()
-            .contains("not in the data folder")
+            .contains("not where they were put")
     );
     // Sent again, the same cloud has its bytes again.
     assert_eq!(service.upload().await, cloud);

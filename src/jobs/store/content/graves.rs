@@ -172,6 +172,9 @@ impl Store {
 
     /// Removes at once what was erased just now; what cannot be, later.
     pub(in crate::jobs::store) async fn bury(&self) {
+        if self.inner.undertaker.is_none() {
+            return;
+        }
         let burial = &self.inner.burial;
         let buried = match self.inner.objects.patience() {
             None => burial.run().await,

@@ -5,8 +5,8 @@ use futures_util::TryStreamExt;
 use object_store::{Error as StoreError, ObjectStore};
 use serde::{Deserialize, Serialize};
 
+use super::connect::has_credentials;
 use super::{Bucket, is_bucket_missing};
-use crate::jobs::store::content::bucket::connect::has_credentials;
 use crate::jobs::{Error, Result};
 
 /// Its name below the prefix.
@@ -82,7 +82,9 @@ impl Bucket {
 
     fn unreachable(&self, error: &StoreError) -> Error {
         match error {
-            StoreError::NotFound { .. } => self.refused("there is no such bucket; make it first"),
+            error if is_bucket_missing(error) => {
+                self.refused("there is no such bucket; make it first")
+            }
             StoreError::PermissionDenied { .. } | StoreError::Unauthenticated { .. } => self
                 .refused(&format!(
                     "the credentials of the environment (AWS_ACCESS_KEY_ID, …) are refused; they \
