@@ -189,7 +189,7 @@ async fn without_the_store_work_goes_on_and_only_bytes_wait() {
 }
 
 /// A folder with the content of a job that has succeeded, in the folder itself.
-async fn embedded() -> (tempfile::TempDir, JobId) {
+async fn embedded() -> (Bench, JobId) {
     let bench = Bench::new().await;
     let id = bench.submit().await.id;
     let claim = bench.claim().await;
@@ -199,7 +199,7 @@ async fn embedded() -> (tempfile::TempDir, JobId) {
     };
     bench.store.succeed(&claim, success).await.unwrap();
     bench.store.close().await;
-    (bench.into_folder(), id)
+    (bench, id)
 }
 
 #[tokio::test]

@@ -86,10 +86,6 @@ impl Bench {
         self.dir.path()
     }
 
-    pub(crate) fn into_folder(self) -> TempDir {
-        self.dir
-    }
-
     /// Another process's hold on the same database.
     pub(crate) async fn second(&self) -> Store {
         Store::open(self.path(), self.options()).await.unwrap()
