@@ -331,7 +331,7 @@ mod tests {
                 format!("{}\n{good}", secret.reveal()),
                 "line 1 has a key in it",
             ),
-            (format!("{good}\nx"), "line 7: "),
+            (format!("{good}\nx"), "line 8: "),
             (good.replace("\"write\"", "\"all\""), "not 'all'"),
             (good.replace("\"read\", \"write\"", ""), "scopes is empty"),
             (
