@@ -367,7 +367,7 @@ fn help_names_every_flag_of_the_documents() {
 #[test]
 fn presets_are_complete_settings() {
     let all: Value = serde_json::from_str(&succeed(Path::new("."), &["presets"])).unwrap();
-    assert_eq!(all["balanced"]["surface"]["resolution"], 176);
+    assert_eq!(all["balanced"]["surface"]["resolution"], 256);
     assert_eq!(all["paper"]["training"]["learning_rate"], 0.1);
     assert_eq!(all.as_object().unwrap().len(), 4);
 }

@@ -9,6 +9,14 @@ use crate::reconstruction::vector::Bounds;
 /// Grid step over the spacing of the points where blocks show their detail.
 const BLOCK_STEP: f64 = 0.9;
 
+/// Grid points across a ball that are enough for what a fit shows of it, over the square root of the spacings of the
+/// points across it. What the fit leaves falls faster than the spacing, and what the grid leaves with the square of
+/// its step. Chosen on bunny, torus and uterus of the bench (docs/quality.md).
+const SMOOTH: f64 = 30.0;
+
+/// The resolution that this was chosen with. A finer one asks for as much more.
+const CHOSEN_WITH: f64 = 256.0;
+
 /// Most grid points along the longest edge, as in the settings.
 const MOST_RESOLUTION: f64 = 1024.0;
 
@@ -30,9 +38,9 @@ pub struct Extent {
 }
 
 impl Plan<'_> {
-    /// Grid points along the longest edge: those of the settings, no more than the spacing of the points carries,
-    /// and so many more for a body with little surface for its length that the grid has as many cells at the
-    /// surface as for a ball; enough for the detail of the blocks where there are `blocks`.
+    /// Grid points along the longest edge: those of the settings, no more than the spacing of the points carries or
+    /// a fit to so many of them shows, and so many more for a body with little surface for its length that the grid
+    /// has as many cells at the surface as for a ball; enough for the detail of the blocks where there are `blocks`.
     pub fn resolution(&self, extent: &Extent, blocks: bool) -> usize {
         let settings = &self.settings.surface;
         if settings.steps_per_spacing <= 0.0 {
@@ -41,22 +49,22 @@ impl Plan<'_> {
         let longest = extent.bounds.longest_edge();
         let step = extent.spacing / settings.steps_per_spacing;
         let enough = ((longest / step).ceil() as usize).max(LEAST_RESOLUTION);
-        let chosen = if blocks {
-            let detail = longest / (BLOCK_STEP * extent.spacing);
-            settings
-                .resolution
-                .max(detail.min(MOST_RESOLUTION) as usize)
-                .min(enough)
+        let detail = if blocks {
+            (longest / (BLOCK_STEP * extent.spacing)).min(MOST_RESOLUTION) as usize
         } else {
-            settings.resolution.min(enough)
+            0
         };
         let (Evaluation::Sparse, Some(area)) = (settings.evaluation, extent.area) else {
-            return chosen;
+            return settings.resolution.max(detail).min(enough);
         };
-        let slenderness = (PI * longest * longest / area).sqrt();
+        // A body wider than a ball of its surface gets the grid of the settings all the same.
+        let slenderness = (PI * longest * longest / area).sqrt().max(1.0);
+        let across = longest / slenderness / extent.spacing;
+        let asked = settings.resolution as f64;
+        let smooth = SMOOTH * across.sqrt() * (asked / CHOSEN_WITH).max(1.0);
         let cube = longest.powi(3) / extent.bounds.extent().into_iter().product::<f64>();
         let most = MOST_RESOLUTION.min((MOST_GRID_POINTS * cube).cbrt());
-        let finer = (settings.resolution as f64 * slenderness).min(most) as usize;
-        chosen.max(finer.min(enough))
+        let finer = (asked.min(smooth) * slenderness).min(most) as usize;
+        finer.max(detail).min(enough)
     }
 }

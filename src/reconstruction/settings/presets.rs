@@ -134,8 +134,7 @@ fn balanced() -> Settings {
         },
         surface: Surface {
             evaluation: Evaluation::Sparse,
-            // Chosen on bunny, torus and uterus of 3000 and 8000 points: docs/quality.md, "How fine a grid".
-            resolution: 176,
+            resolution: 256,
             steps_per_spacing: 8.0,
             padding: 0.1,
             projection_steps: 2,
