@@ -92,7 +92,7 @@ for proxy in nginx caddy; do
   # Who asks is the client, not the proxy, and not whoever the client says.
   [ $proxy = nginx ] && client=127.0.0.2 || client=127.0.0.3
   ask --interface $client -H 'X-Forwarded-For: 6.6.6.6' -o "$work/answer" "$there/v1/jobs"
-  grep -q "client.address=$client " "$work/log" || fail "$proxy: the address of the client is not known"
+  grep -q "client.address=$client[ }]" "$work/log" || fail "$proxy: the address of the client is not known"
   grep -q 'client.address=6' "$work/log" && fail "$proxy: a client says who it is"
   jobs=$(ask -H 'Host: other.example.org' "$there/v1/jobs" 2>/dev/null || true)
   [ -z "$jobs" ] || fail "$proxy: another name is answered: $jobs"
