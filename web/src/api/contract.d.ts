@@ -41,7 +41,7 @@ export interface paths {
         post?: never;
         /**
          * Erase a cloud.
-         * @description Refused while a job that has not ended needs it, and while it is held. Afterwards its addresses answer 410.
+         * @description Refused while a job that has not ended needs it, and while it or a job that names it is held. Afterwards its addresses answer 410.
          */
         delete: operations["deleteCloud"];
         options?: never;
