@@ -8,7 +8,7 @@ use toml::value::Datetime;
 
 use super::Failure;
 use super::files::Sink;
-use crate::identity::{Keyring, Scope, Secret, Tenant};
+use crate::identity::{Keyring, Scope, Secret, Tenant, file};
 
 /// Arguments of `meshway key`.
 #[derive(Debug, Args)]
@@ -44,13 +44,9 @@ struct New {
 
 fn moment(text: &str) -> Result<String, String> {
     let form = "must be a day, as in 2027-12-31, or a moment, as in 2027-12-31T12:00:00Z";
-    let moment = text.parse::<Datetime>().map_err(|_| form)?;
-    let named = moment.date.is_some() && (moment.time.is_none() || moment.offset.is_some());
-    if named {
-        Ok(text.to_owned())
-    } else {
-        Err(form.to_owned())
-    }
+    let written = text.parse::<Datetime>().map_err(|_| form)?;
+    file::moment(&written).map_err(|_| form)?;
+    Ok(text.to_owned())
 }
 
 fn network(text: &str) -> Result<IpNet, String> {

@@ -214,7 +214,7 @@ fn tenant(name: Option<&str>) -> Result<Tenant, String> {
 }
 
 /// When a date ends, or a moment is, in milliseconds since the epoch.
-fn moment(written: &Datetime) -> Result<i64, String> {
+pub(crate) fn moment(written: &Datetime) -> Result<i64, String> {
     let wrong = || {
         format!(
             "expires: {written} is no date, as in 2027-12-31, nor a moment with its zone, as in 2027-12-31T12:00:00Z"

@@ -31,6 +31,7 @@ mod open;
 mod options;
 mod postgres;
 mod records;
+mod schema;
 mod sql;
 mod sqlite;
 mod writer;

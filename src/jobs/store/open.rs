@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
+use sqlx::sqlite::SqliteConnectOptions;
 use tokio::sync::{Mutex, Notify, watch};
 
 use super::content::ballast::Ballast;
@@ -18,9 +18,9 @@ use super::postgres::{self, ServerClock, Session};
 use super::sql::{Db, Readers};
 use super::sqlite::shredder::Shredder;
 use super::sqlite::writer::ready;
-use super::sqlite::{MIGRATIONS, OPENING, connect_options, migrated, writing};
+use super::sqlite::{MIGRATIONS, OPENING, connect_options, migrated, readers, writing};
 use super::writer::Session as _;
-use super::{DATABASE_FILE, Inner, Options, READERS, Store};
+use super::{DATABASE_FILE, Inner, Options, Store};
 use crate::jobs::Result;
 
 /// The open database of the rows.
@@ -63,13 +63,7 @@ impl Store {
             lift::lift(&mut db, &objects).await?;
         }
         ready(&mut db).await?;
-        let readers = SqlitePoolOptions::new()
-            .max_connections(READERS)
-            .acquire_timeout(options.busy_timeout)
-            .idle_timeout(None)
-            .max_lifetime(None)
-            .connect_with(connect.clone().read_only(true))
-            .await?;
+        let readers = readers(connect.clone(), &options).await?;
         let rows = Rows {
             engine: Engine::Sqlite(db),
             readers: Readers::Sqlite(readers),

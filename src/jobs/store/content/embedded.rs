@@ -13,13 +13,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use bytes::Bytes;
-use sqlx::sqlite::{SqliteConnectOptions, SqlitePool, SqlitePoolOptions};
+use sqlx::sqlite::{SqliteConnectOptions, SqlitePool};
 use tokio::sync::watch;
 
 use crate::jobs::Result;
 use crate::jobs::store::sqlite::writer::{Writer, ready};
-use crate::jobs::store::sqlite::{OPENING, connect_options, migrated, writing};
-use crate::jobs::store::{CONTENT_FILE, Options, READERS};
+use crate::jobs::store::sqlite::{OPENING, connect_options, migrated, readers, writing};
+use crate::jobs::store::{CONTENT_FILE, Options};
 
 /// Size of every chunk of an object but the last: large enough for ~155 MiB/s in and ~700 MiB/s
 /// out, small enough that a hundred downloads hold 25 MiB.
@@ -61,13 +61,7 @@ impl Embedded {
             .pragma("wal_autocheckpoint", LOG_PAGES);
         let mut db = migrated(&opened, &MIGRATIONS, OPENING * options.busy_timeout).await?;
         ready(&mut db).await?;
-        let readers = SqlitePoolOptions::new()
-            .max_connections(READERS)
-            .acquire_timeout(options.busy_timeout)
-            .idle_timeout(None)
-            .max_lifetime(None)
-            .connect_with(connect.read_only(true))
-            .await?;
+        let readers = readers(connect, options).await?;
         // Nobody waits for content: the row that names it is what is heard of.
         let (unheard, _) = watch::channel(0);
         Ok(Self {

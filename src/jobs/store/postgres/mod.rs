@@ -14,12 +14,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
-use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::postgres::{PgConnectOptions, PgConnection, PgPool, PgPoolOptions, PgRow};
-use sqlx::{ConnectOptions, Connection, Row, SqlSafeStr};
+use sqlx::{ConnectOptions, Connection, Row};
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
+use crate::jobs::store::schema::migrator;
 use crate::jobs::store::sql::in_time;
 use crate::jobs::store::{Options, writer};
 use crate::jobs::{Error, Result, clock};
@@ -213,16 +213,6 @@ async fn set_up(db: &mut PgConnection) -> sqlx::Result<()> {
 
 /// Brings the schema up to date, under a lock: processes that start together wait for the first.
 async fn migrate(db: &mut PgConnection) -> Result<()> {
-    let migrations = (1..).zip(&MIGRATIONS).map(|(version, &(name, sql))| {
-        let own_transaction = false;
-        Migration::new(
-            version,
-            name.into(),
-            MigrationType::Simple,
-            sql.into_sql_str(),
-            own_transaction,
-        )
-    });
-    let migrator = Migrator::with_migrations(migrations.collect());
+    let migrator = migrator(&MIGRATIONS, false);
     Ok(migrator.run_direct(None, db, false).await?)
 }

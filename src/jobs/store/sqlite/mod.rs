@@ -10,11 +10,14 @@ pub(in crate::jobs::store) mod writer;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use sqlx::migrate::{Migration, MigrationType, Migrator};
-use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
-use sqlx::{ConnectOptions, SqlSafeStr, SqliteConnection};
+use sqlx::sqlite::{
+    SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
+    SqliteSynchronous,
+};
+use sqlx::{ConnectOptions, SqliteConnection};
 
-use crate::jobs::store::Options;
+use crate::jobs::store::schema::{Migrations, migrator};
+use crate::jobs::store::{Options, READERS};
 use crate::jobs::{Error, Result};
 
 /// The write-ahead log is cut to this size after a checkpoint.
@@ -50,9 +53,6 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
         // What a user erases is overwritten: meshes of patients do not stay in free pages.
         .pragma("secure_delete", "ON")
 }
-
-/// Names and texts of the migrations, in their order.
-pub(in crate::jobs::store) type Migrations = [(&'static str, &'static str)];
 
 pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 19] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
@@ -124,6 +124,19 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 19] = [
     ),
 ];
 
+/// Connections that read it.
+pub(in crate::jobs::store) async fn readers(
+    connect: SqliteConnectOptions,
+    options: &Options,
+) -> Result<SqlitePool> {
+    let pool = SqlitePoolOptions::new()
+        .max_connections(READERS)
+        .acquire_timeout(options.busy_timeout)
+        .idle_timeout(None)
+        .max_lifetime(None);
+    Ok(pool.connect_with(connect.read_only(true)).await?)
+}
+
 /// A connection to the database, migrated. SQLite refuses to change the journal of a new database while another
 /// process does so, without waiting; and migrations of several processes take their time one after the other.
 pub(in crate::jobs::store) async fn migrated(
@@ -146,22 +159,7 @@ pub(in crate::jobs::store) async fn migrated(
 }
 
 async fn migrate(db: &mut SqliteConnection, migrations: &Migrations) -> Result<()> {
-    let migrator = Migrator::with_migrations(
-        (1..)
-            .zip(migrations)
-            .map(|(version, &(name, sql))| {
-                // No transaction of its own: it runs inside the one below.
-                let own_transaction = true;
-                Migration::new(
-                    version,
-                    name.into(),
-                    MigrationType::Simple,
-                    sql.into_sql_str(),
-                    own_transaction,
-                )
-            })
-            .collect(),
-    );
+    let migrator = migrator(migrations, true);
     sqlx::query("BEGIN IMMEDIATE").execute(&mut *db).await?;
     if let Err(error) = migrator.run_direct(None, db, false).await {
         sqlx::query("ROLLBACK").execute(&mut *db).await?;
