@@ -8,7 +8,7 @@ use rustix::process::{Resource, Rlimit, nice, setrlimit};
 
 use super::Failure;
 use super::files::{Sink, read};
-use super::worker::NICENESS;
+use super::slot::NICENESS;
 use crate::intake::{Error, Verdict, limits, parse, rows, sum_up};
 use crate::reconstruction::cloud::Format;
 

@@ -17,6 +17,8 @@ mod progress;
 mod reconstruct;
 mod sample;
 mod serve;
+mod slot;
+mod station;
 mod upkeep;
 mod user;
 mod verify;
@@ -64,9 +66,11 @@ enum Command {
     Completions(documents::Completions),
     /// Print the man page, or write those of all commands into a folder.
     Man(documents::Man),
-    /// Work for a service.
+    /// Work on jobs of services on other machines.
+    Worker(Box<worker::Arguments>),
+    /// Work for `serve` or `worker`.
     #[command(hide = true)]
-    Worker(worker::Arguments),
+    Slot(slot::Arguments),
     /// Read one file for the service.
     #[command(hide = true)]
     Inspect(inspect::Arguments),
@@ -125,6 +129,7 @@ fn run(cli: Cli, substitute: Option<&Substitute>) -> ExitCode {
         Command::Health(arguments) => health::run(&arguments),
         Command::Serve(arguments) => serve::run(&arguments, substitute),
         Command::Worker(arguments) => worker::run(&arguments, substitute),
+        Command::Slot(arguments) => slot::run(&arguments, substitute),
         Command::Inspect(arguments) => inspect::run(&arguments),
     };
     match result {

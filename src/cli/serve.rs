@@ -7,24 +7,18 @@ use std::time::Duration;
 
 use clap::{Args, CommandFactory, FromArgMatches};
 use tokio::net::TcpListener;
-use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 
 use super::data_folder::DataFolder;
 use super::files::Sink;
-use super::worker::Orders;
+use super::station::{self, Station};
 use super::{Cli, Command, Failure, Substitute, logging, upkeep};
 use crate::config::{ClientAuth, Config, file_arguments};
 use crate::http::{self, App, AppState, Tls, TlsFiles};
 use crate::identity::Keyring;
-use crate::jobs::{Store, Supervisor, store, supervisor, worker};
+use crate::jobs::{Role, Supervisor};
 use crate::webhooks::{Policy, Post, Sender};
 
-/// How long workers may take to give their jobs back at the end; then they are killed. With the ten
-/// seconds that requests have after that it stays below the longest end.
-const DRAIN: Duration = Duration::from_secs(17);
-/// Room on the disk for erasing: a removal writes some MiB to the logs before it gives space back.
-const BALLAST_BYTES: u64 = 8 << 20;
 /// How long the whole end may take, whatever hangs.
 const LONGEST_END: Duration = Duration::from_secs(28);
 
@@ -90,55 +84,39 @@ pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Res
             .map_err(|error| Failure::Output(error.to_string()))?;
         return Sink::new(Path::new("-"))?.write(|out| out.write_all(text.as_bytes()));
     }
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let problems = config.problems(cores);
+    let problems = config.problems(station::cores());
     if !problems.is_empty() {
         return Err(Failure::Usage(problems.join("\n")));
     }
-    logging::start(config.log_format, &config.log)?;
+    logging::start(config.work.log_format, &config.work.log)?;
     let runtime = tokio::runtime::Runtime::new()
         .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
-    let result = runtime.block_on(serve(arguments, cores, substitute));
+    let result = runtime.block_on(serve(arguments, substitute));
     // Tasks that still run after the drain are not awaited.
     runtime.shutdown_background();
     result
 }
 
-/// Opens the rows and the content, wherever they are.
-async fn open(config: &Config) -> Result<Store, Failure> {
-    let options = store::Options {
-        queue_limit: config.queue_limit.into(),
-        events_limit: config.max_events.into(),
-        metrics_limit: config.max_metrics.into(),
-        ballast_bytes: BALLAST_BYTES,
-        database: secret(config),
-        objects: config.backend.objects.clone(),
-        ..store::Options::default()
-    };
-    let store = Store::open(&config.data_dir, options);
-    store.await.map_err(|error| match &config.backend.database {
-        Some(database) => Failure::Output(format!("--database {database}: {error}")),
-        None => Failure::Output(error.to_string()),
-    })
-}
-
-async fn serve(
-    arguments: &Arguments,
-    cores: usize,
-    substitute: Option<&Substitute>,
-) -> Result<(), Failure> {
+async fn serve(arguments: &Arguments, substitute: Option<&Substitute>) -> Result<(), Failure> {
     let config = &arguments.config;
     let folder = DataFolder::take(&config.data_dir).await?;
     let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
-    let store = open(config).await?;
+    let station = Station {
+        backend: &config.backend,
+        work: &config.work,
+        data_dir: &config.data_dir,
+        slots: config.workers,
+        role: Role::Serve,
+        node: station::new_node(&config.backend),
+    };
+    let store = station.open(config.queue_limit).await?;
     folder.sweep(&store).await?;
     if store.keeps_files() {
         store.collect_garbage(None).await.map_err(failed)?;
     } else {
         tokio::spawn(upkeep::collect_garbage(store.clone()));
     }
-    // Before the first request: keys that were in flight when the last server died.
-    store.idempotency_abandon_all().await.map_err(failed)?;
+    let node = station.enter(&store).await?;
     // The last server may have died after erasing something and before this.
     store.shred();
 
@@ -156,20 +134,7 @@ async fn serve(
     let program = std::env::current_exe()
         .map_err(|error| Failure::Output(format!("this program cannot be found: {error}")))?;
     let shutdown = CancellationToken::new();
-    let node = match &config.backend.database {
-        Some(_) => worker::new_node(),
-        None => String::new(),
-    };
-    let options = supervisor::Options {
-        program: program.clone(),
-        arguments: worker_arguments(arguments, substitute),
-        orders: serde_json::to_string(&orders(arguments, cores, &node))
-            .map_err(|error| Failure::Output(format!("orders of the workers: {error}")))?,
-        node,
-        workers: config.workers,
-        memory_limit_bytes: config.worker_memory_bytes(),
-        drain: DRAIN,
-    };
+    let options = station.supervisor(&program, arguments.grace_milliseconds, substitute)?;
     let supervisor = Supervisor::new(store.clone(), options, shutdown.clone());
     let workers = supervisor.workers();
     let app = App::new(
@@ -179,12 +144,13 @@ async fn serve(
         shutdown.clone(),
         program,
     );
-    end_on_signals(&shutdown)?;
+    station::end_on_signals(&shutdown)?;
     if let Some(file) = &arguments.file {
         upkeep::reload_keys(file.clone(), config.keys.clone(), store.clone())?;
     }
     tokio::spawn(upkeep::keep_audit(store.clone(), config.clone()));
     tokio::spawn(http::keep_sweeping(AppState::clone(&app)));
+    tokio::spawn(http::follow(AppState::clone(&app)));
     tokio::spawn(sender.run(shutdown.clone()));
     let scheme = if tls.is_some() { "https" } else { "http" };
     tracing::info!("listening on {scheme}://{address}");
@@ -219,6 +185,7 @@ async fn serve(
         failed = certificate => failed.map_err(|error| Failure::Output(format!("no signals: {error}")))?,
         () = overdue => tracing::error!("not all ended in time"),
     }
+    node.leave().await;
     store.close().await;
     tracing::info!("the service has stopped");
     Ok(())
@@ -238,51 +205,4 @@ fn tls(config: &Config) -> Result<Option<Arc<Tls>>, Failure> {
     };
     let tls = Tls::load(files).map_err(|error| Failure::Usage(format!("TLS: {error}")))?;
     Ok(Some(Arc::new(tls)))
-}
-
-/// The command line of workers, less the slot.
-fn worker_arguments(arguments: &Arguments, substitute: Option<&Substitute>) -> Vec<OsString> {
-    let folder = arguments.config.data_dir.clone().into_os_string();
-    let mut line = vec!["worker".into(), "--data-dir".into(), folder];
-    line.extend(substitute.map(|substitute| substitute.flag.clone()));
-    line
-}
-
-/// What workers are told first.
-fn orders(arguments: &Arguments, cores: usize, node: &str) -> Orders {
-    let config = &arguments.config;
-    Orders {
-        options: worker::Options {
-            threads: config.worker_threads(cores),
-            time_limit: Duration::from_secs(config.job_time_limit_seconds.into()),
-            checkpoint_interval: Duration::from_secs(config.checkpoint_seconds.into()),
-            grace: Duration::from_millis(arguments.grace_milliseconds.into()),
-            events_limit: config.max_events.into(),
-            metrics_limit: config.max_metrics.into(),
-        },
-        objects: config.backend.objects.clone(),
-        log_format: config.log_format,
-        log: config.log.clone(),
-        database: secret(config),
-        node: node.to_owned(),
-    }
-}
-
-/// The address of the database with its password, for those who connect.
-fn secret(config: &Config) -> Option<String> {
-    let url = config.backend.database.as_ref();
-    url.map(|url| url.secret().to_owned())
-}
-
-fn end_on_signals(shutdown: &CancellationToken) -> Result<(), Failure> {
-    for kind in [SignalKind::terminate(), SignalKind::interrupt()] {
-        let mut signals =
-            signal(kind).map_err(|error| Failure::Output(format!("no signals: {error}")))?;
-        let shutdown = shutdown.clone();
-        tokio::spawn(async move {
-            signals.recv().await;
-            shutdown.cancel();
-        });
-    }
-    Ok(())
 }

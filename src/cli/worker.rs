@@ -1,171 +1,146 @@
-//! `meshway worker`: one worker process of a service; started by `meshway serve`, not by hand.
+//! `meshway worker`: worker processes on a machine of their own, for services that share a database and an
+//! object store with it.
 
-use std::io::{BufRead, Read, Write, stdin, stdout};
+use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
-use rustix::process::{Signal, getpid, kill_process, nice};
-use serde::{Deserialize, Serialize};
-use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
-use tokio::time::MissedTickBehavior;
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
-use tokio_util::task::AbortOnDropHandle;
 
+use super::data_folder::DataFolder;
+use super::station::{self, Station};
 use super::{Failure, Substitute, logging};
-use crate::config::{LogFormat, ObjectsUrl};
-use crate::jobs::worker::{End, Options, SIGN_OF_LIFE, Signals, Work, reconstruction, worker_name};
-use crate::jobs::{JobId, Store, Worker, store};
-use crate::reconstruction::set_threads;
+use crate::config::{Backend, Work, address};
+use crate::http;
+use crate::jobs::{Role, Store, Supervisor, Workers};
 
-/// Below the server, which is to answer while all cores compute.
-pub(super) const NICENESS: i32 = 5;
+/// Time between two looks whether there is something to do.
+const LOOK: Duration = Duration::from_secs(1);
 
-/// Time between two signs of life.
-const BEAT: Duration = Duration::from_secs(1);
-
-/// Arguments of `meshway worker`: what tells an operator whose process it is. The rest are
-/// [`Orders`].
+/// Arguments of `meshway worker`.
 #[derive(Debug, Args)]
+#[command(args_override_self = true)]
 pub(super) struct Arguments {
-    /// The folder of the service.
-    #[arg(long)]
+    #[command(flatten)]
+    backend: Backend,
+
+    /// Jobs that are worked on at the same time, each by a process of its own.
+    #[arg(long, env = "MESHWAY_SLOTS", default_value_t = 1,
+          value_parser = clap::value_parser!(u16).range(1..=256))]
+    slots: u16,
+
+    #[command(flatten)]
+    work: Work,
+
+    /// End when there was nothing to do for so many seconds; 0: never.
+    #[arg(
+        long,
+        env = "MESHWAY_EXIT_WHEN_IDLE",
+        default_value_t = 0,
+        value_name = "SECONDS"
+    )]
+    exit_when_idle: u32,
+
+    /// Address for /livez, /readyz and /metrics; without it, nobody is listened to.
+    #[arg(long, env = "MESHWAY_LISTEN", value_parser = address)]
+    listen: Option<SocketAddr>,
+
+    /// Folder for what is fetched while it is worked on; made if it is missing. It may be lost.
+    #[arg(long, env = "MESHWAY_DATA_DIR", default_value = "meshway-worker")]
     data_dir: PathBuf,
-    /// Number of the worker among those of its service.
-    #[arg(long)]
-    slot: u16,
-}
 
-/// What the server says first, in one line of JSON on standard input.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Orders {
-    /// How to work.
-    #[serde(flatten)]
-    pub(super) options: Options,
-    /// The object store of the service.
-    pub(super) objects: Option<ObjectsUrl>,
-    /// Format of the log.
-    pub(super) log_format: LogFormat,
-    /// What is logged.
-    pub(super) log: String,
-    /// The database of the rows, with its password; none: that of the folder.
-    pub(super) database: Option<String>,
-    /// Name of the start of the service; empty where no other one shares its database.
-    #[serde(default)]
-    pub(super) node: String,
-}
-
-impl Orders {
-    fn read() -> Result<Self, Failure> {
-        let mut line = String::new();
-        let read = stdin().lock().read_line(&mut line);
-        read.map_err(|error| Failure::Output(format!("no orders: {error}")))?;
-        serde_json::from_str(&line).map_err(|error| {
-            let detail = format!("orders are one line of JSON on standard input: {error}");
-            Failure::Usage(detail)
-        })
-    }
+    /// How long a computation may take to stop before its worker ends itself.
+    #[arg(long, hide = true, default_value_t = 10_000)]
+    grace_milliseconds: u32,
 }
 
 pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Result<(), Failure> {
-    let orders = Orders::read()?;
-    logging::start(orders.log_format, &orders.log)?;
-    if let Err(error) = nice(NICENESS) {
-        tracing::warn!(error.message = %error, "the worker runs at the server's priority");
+    let (backend, work) = (&arguments.backend, &arguments.work);
+    let mut problems = work.problems(station::cores(), ("--slots", arguments.slots));
+    problems.extend(backend.exposures());
+    if backend.database.is_none() || backend.objects.is_none() {
+        problems.push(
+            "a worker on a machine of its own needs --database and --objects, as its services have \
+             them; without them `meshway serve` has workers itself (--workers)"
+                .to_owned(),
+        );
     }
-    let work: Arc<Work> = if let Some(substitute) = substitute {
-        Arc::clone(&substitute.work)
-    } else {
-        set_threads(orders.options.threads).map_err(|error| Failure::Usage(error.to_string()))?;
-        Arc::new(reconstruction)
-    };
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
+    if !problems.is_empty() {
+        return Err(Failure::Usage(problems.join("\n")));
+    }
+    logging::start(work.log_format, &work.log)?;
+    let runtime = tokio::runtime::Runtime::new()
         .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
-    if runtime.block_on(work_on(arguments, orders, work))? == End::Hung {
-        // Exit handlers would wait for the thread that does not stop.
-        kill_process(getpid(), Signal::KILL)
-            .map_err(|error| Failure::Output(format!("the worker cannot end: {error}")))?;
+    let result = runtime.block_on(work_on(arguments, substitute));
+    runtime.shutdown_background();
+    result
+}
+
+async fn work_on(arguments: &Arguments, substitute: Option<&Substitute>) -> Result<(), Failure> {
+    let folder = DataFolder::take(&arguments.data_dir).await?;
+    let station = Station {
+        backend: &arguments.backend,
+        work: &arguments.work,
+        data_dir: &arguments.data_dir,
+        slots: arguments.slots,
+        role: Role::Worker,
+        node: station::new_node(&arguments.backend),
+    };
+    // It submits nothing.
+    let store = station.open(0).await?;
+    folder.sweep(&store).await?;
+    let program = std::env::current_exe()
+        .map_err(|error| Failure::Output(format!("this program cannot be found: {error}")))?;
+    let options = station.supervisor(&program, arguments.grace_milliseconds, substitute)?;
+    let shutdown = CancellationToken::new();
+    let supervisor = Supervisor::new(store.clone(), options, shutdown.clone());
+    let workers = supervisor.workers();
+    station::end_on_signals(&shutdown)?;
+    let close = CancellationToken::new();
+    if let Some(address) = arguments.listen {
+        let told = (store.clone(), workers.clone());
+        http::tell_of_workers(address, told, shutdown.clone(), close.clone())
+            .await
+            .map_err(|error| Failure::Output(format!("--listen {address}: {error}")))?;
     }
+    let node = station.enter(&store).await?;
+    tracing::info!(
+        node = station.node,
+        slots = arguments.slots,
+        "the worker is there"
+    );
+    if arguments.exit_when_idle > 0 {
+        let patience = Duration::from_secs(arguments.exit_when_idle.into());
+        tokio::spawn(end_when_idle(store.clone(), workers, patience, shutdown));
+    }
+    supervisor.run().await;
+    close.cancel();
+    node.leave().await;
+    store.close().await;
+    tracing::info!("the worker has stopped");
     Ok(())
 }
 
-async fn work_on(arguments: &Arguments, orders: Orders, work: Arc<Work>) -> Result<End, Failure> {
-    let options = orders.options;
-    let stopping = CancellationToken::new();
-    let wake = listen(&stopping)?;
-    let name = worker_name(arguments.slot, std::process::id(), &orders.node);
-    let limits = store::Options {
-        events_limit: options.events_limit,
-        metrics_limit: options.metrics_limit,
-        process: name.clone(),
-        database: orders.database,
-        objects: orders.objects,
-        ..store::Options::default()
-    };
-    let failed = |error: crate::jobs::Error| Failure::Output(error.to_string());
-    let store = Store::open(&arguments.data_dir, limits)
-        .await
-        .map_err(failed)?;
-    let worker = Worker {
-        name,
-        store: store.clone(),
-        work,
-        options,
-        signals: Signals {
-            wake,
-            stopping,
-            committed: Box::new(tell),
-        },
-    };
-    let _pulse = AbortOnDropHandle::new(tokio::spawn(pulse()));
-    let end = worker.run().await.map_err(failed)?;
-    store.close().await;
-    Ok(end)
-}
-
-/// Gives signs of life on standard output, from the thread that renews the lease.
-async fn pulse() {
-    let mut beat = tokio::time::interval(BEAT);
-    beat.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    loop {
-        beat.tick().await;
-        drop(writeln!(stdout(), "{SIGN_OF_LIFE}"));
+/// Ends the process once nothing was worked on and nothing waited for so long. A job that is claimed at the
+/// last moment goes back into the queue.
+async fn end_when_idle(
+    store: Store,
+    workers: watch::Receiver<Workers>,
+    patience: Duration,
+    shutdown: CancellationToken,
+) {
+    let mut since = Instant::now();
+    while since.elapsed() < patience {
+        tokio::time::sleep(LOOK).await;
+        let rests = workers.borrow().busy == 0;
+        // A database that does not answer may have something to do.
+        if !rests || !matches!(store.oldest_queued().await, Ok(None)) {
+            since = Instant::now();
+        }
     }
-}
-
-/// Says on standard output that rows of a job were written. A server that is gone does not listen.
-fn tell(job: &JobId) {
-    drop(writeln!(stdout(), "J {job}"));
-}
-
-/// Hears wake-ups on standard input. Its end, SIGTERM and SIGINT mean to stop.
-fn listen(stopping: &CancellationToken) -> Result<watch::Receiver<u64>, Failure> {
-    let failed = |error: std::io::Error| Failure::Output(format!("no signals: {error}"));
-    let (sender, wake) = watch::channel(0);
-    let gone = stopping.clone();
-    // A thread, because a task that reads standard input keeps the runtime from ending.
-    std::thread::Builder::new()
-        .name("wake".to_owned())
-        .spawn(move || {
-            let mut bytes = [0; 64];
-            let mut input = stdin().lock();
-            while matches!(input.read(&mut bytes), Ok(1..)) {
-                sender.send_modify(|wakes| *wakes += 1);
-            }
-            gone.cancel();
-        })
-        .map_err(failed)?;
-    for kind in [SignalKind::terminate(), SignalKind::interrupt()] {
-        let mut signals = signal(kind).map_err(failed)?;
-        let stopping = stopping.clone();
-        tokio::spawn(async move {
-            signals.recv().await;
-            stopping.cancel();
-        });
-    }
-    Ok(wake)
+    tracing::info!("there was nothing to do; the worker ends");
+    shutdown.cancel();
 }

@@ -10,6 +10,7 @@ mod file;
 mod list;
 mod problems;
 mod ttl;
+mod work;
 
 use std::fmt::Display;
 use std::net::{SocketAddr, ToSocketAddrs};
@@ -26,13 +27,11 @@ pub use backend::{Backend, ObjectsUrl};
 pub use database::DatabaseUrl;
 pub use file::{FileError, file_arguments};
 pub use ttl::Ttl;
+pub use work::Work;
 
 const MIB: u64 = 1024 * 1024;
 
 const HOUR_MS: i64 = 60 * 60 * 1_000;
-
-/// Memory of a worker besides grid and training: program, libtorch, cloud.
-const WORKER_BASE_MIB: u64 = 256;
 
 /// Settings of `meshway serve`.
 #[derive(Debug, Clone, Serialize, Args)]
@@ -99,18 +98,15 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_BASE_PATH", default_value = "", value_parser = base_path)]
     pub base_path: String,
 
-    /// Worker processes.
+    /// Worker processes; 0: none, where those of `meshway worker` do the work.
     #[arg(long, env = "MESHWAY_WORKERS", default_value_t = 1,
-          value_parser = clap::value_parser!(u16).range(1..=256))]
+          value_parser = clap::value_parser!(u16).range(0..=256))]
     pub workers: u16,
 
-    /// Threads of each worker; 0: the cores shared out among the workers.
-    #[arg(long, env = "MESHWAY_THREADS_PER_WORKER", default_value_t = 0)]
-    pub threads_per_worker: u16,
-
-    /// Most memory of a worker in MiB, above which it is killed; 0: no limit.
-    #[arg(long, env = "MESHWAY_WORKER_MEMORY_MIB", default_value_t = 4_096)]
-    pub worker_memory_mib: u64,
+    /// How jobs are worked on.
+    #[command(flatten)]
+    #[serde(flatten)]
+    pub work: Work,
 
     /// Largest upload in MiB, as sent and after decompression.
     #[arg(long, env = "MESHWAY_BODY_LIMIT_MIB", default_value_t = 512,
@@ -141,14 +137,6 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_QUEUE_LIMIT", default_value_t = 1_000)]
     pub queue_limit: u32,
 
-    /// Longest time that is worked on one job, in seconds, over all its attempts.
-    #[arg(long, env = "MESHWAY_JOB_TIME_LIMIT_SECONDS", default_value_t = 3_600)]
-    pub job_time_limit_seconds: u32,
-
-    /// Seconds between checkpoints of a training run.
-    #[arg(long, env = "MESHWAY_CHECKPOINT_SECONDS", default_value_t = 10)]
-    pub checkpoint_seconds: u32,
-
     /// Free space in MiB below which new work is refused with 507.
     #[arg(long, env = "MESHWAY_DISK_RESERVE_MIB", default_value_t = 1_024)]
     pub disk_reserve_mib: u64,
@@ -157,14 +145,6 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_DISK_RESERVE_PERCENT", default_value_t = 5,
           value_parser = clap::value_parser!(u8).range(0..=90))]
     pub disk_reserve_percent: u8,
-
-    /// Most events kept for a job.
-    #[arg(long, env = "MESHWAY_MAX_EVENTS", default_value_t = 100_000)]
-    pub max_events: u32,
-
-    /// Most metric rows kept for a job.
-    #[arg(long, env = "MESHWAY_MAX_METRICS", default_value_t = 200_000)]
-    pub max_metrics: u32,
 
     /// Most open event streams.
     #[arg(long, env = "MESHWAY_MAX_STREAMS", default_value_t = 1_000)]
@@ -190,10 +170,6 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_HEADER_TIMEOUT_SECONDS", default_value_t = 75)]
     pub header_timeout_seconds: u32,
 
-    /// Format of the log.
-    #[arg(long, env = "MESHWAY_LOG_FORMAT", default_value = "text", value_enum)]
-    pub log_format: LogFormat,
-
     /// Networks that receivers of webhooks may be in, as in `10.20.0.0/16`, with commas between them.
     /// Other receivers must be on the public internet and use TLS.
     #[arg(long, env = "MESHWAY_WEBHOOK_NETWORKS", default_value = "", value_parser = list::<IpNet>)]
@@ -217,10 +193,6 @@ pub struct Config {
     #[arg(skip)]
     #[serde(skip)]
     pub keys: Keyring,
-
-    /// What is logged, as in `info,meshway=debug`.
-    #[arg(long, env = "MESHWAY_LOG", default_value = "info")]
-    pub log: String,
 }
 
 /// The address that `HOST:PORT` stands for, where the host may be a name.
@@ -305,26 +277,6 @@ impl Config {
         match self.max_streams_per_client {
             0 => self.max_streams.div_ceil(2),
             most => most,
-        }
-    }
-
-    /// Most memory of a worker in bytes; `None`: no limit.
-    pub fn worker_memory_bytes(&self) -> Option<u64> {
-        (self.worker_memory_mib > 0).then_some(self.worker_memory_mib.saturating_mul(MIB))
-    }
-
-    /// Memory that a worker has for the grid of a job, and for its training; `None`: no limit.
-    pub fn job_memory_bytes(&self) -> Option<u64> {
-        let all = self.worker_memory_bytes()?;
-        Some(all.saturating_sub(WORKER_BASE_MIB * MIB))
-    }
-
-    /// Threads of each worker on a machine with `cores`: together never more than the cores.
-    pub fn worker_threads(&self, cores: usize) -> usize {
-        let share = (cores / usize::from(self.workers)).max(1);
-        match usize::from(self.threads_per_worker) {
-            0 => share,
-            asked => asked.min(share),
         }
     }
 

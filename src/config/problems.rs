@@ -2,9 +2,6 @@
 
 use super::{ClientAuth, Config};
 
-/// Least memory of a worker: a job of the preset `fast` fits.
-const LEAST_WORKER_MIB: u64 = 288;
-
 impl Config {
     /// What contradicts itself or the machine, each in one sentence.
     pub fn problems(&self, cores: usize) -> Vec<String> {
@@ -25,21 +22,7 @@ impl Config {
         if self.tls_client_ca.is_some() && self.tls_cert.is_none() {
             problems.push("--tls-client-ca needs --tls-cert and --tls-key".to_owned());
         }
-        let asked = usize::from(self.workers) * usize::from(self.threads_per_worker.max(1));
-        if asked > cores {
-            problems.push(format!(
-                "--workers {} with --threads-per-worker {} take {asked} threads, but there are \
-                 {cores} cores",
-                self.workers, self.threads_per_worker
-            ));
-        }
-        if (1..LEAST_WORKER_MIB).contains(&self.worker_memory_mib) {
-            problems.push(format!(
-                "--worker-memory-mib {}: no job fits; give at least {LEAST_WORKER_MIB}, or 0 for \
-                 no limit",
-                self.worker_memory_mib
-            ));
-        }
+        problems.extend(self.work.problems(cores, ("--workers", self.workers)));
         problems.extend(self.backend.exposures());
         problems
     }

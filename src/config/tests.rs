@@ -26,7 +26,7 @@ fn flags_win_over_the_file_and_the_file_over_defaults() {
         &["--workers=2"],
     );
     assert_eq!(
-        (config.workers, config.queue_limit, config.max_events),
+        (config.workers, config.queue_limit, config.work.max_events),
         (2, 7, 100_000)
     );
     assert!(config.allow_unauthenticated);
@@ -88,7 +88,7 @@ fn an_open_address_too_many_threads_and_too_little_memory_are_problems() {
     for enough in ["--worker-memory-mib=288", "--worker-memory-mib=0"] {
         assert!(parse("", &[enough]).problems(1).is_empty());
     }
-    assert_eq!(parse("", &["--workers=2"]).worker_threads(8), 4);
+    assert_eq!(parse("", &["--workers=2"]).work.threads(8, 2), 4);
 }
 
 #[test]

@@ -6,6 +6,7 @@
 
 mod api;
 mod door;
+mod follow;
 mod resources;
 mod state;
 mod system;
@@ -39,8 +40,10 @@ use wire::error::{ApiError, Code};
 
 pub use door::server::{serve, serve_tls};
 pub use door::tls::{Tls, TlsError, TlsFiles};
+pub use follow::follow;
 pub use state::{App, AppState};
 pub use system::docs::OPENAPI;
+pub use system::workers::tell_of_workers;
 pub use telemetry::Telemetry;
 pub use wire::error;
 

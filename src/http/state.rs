@@ -2,6 +2,7 @@
 
 use std::net::IpAddr;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError};
 
 use tokio::sync::{RwLock, Semaphore, watch};
@@ -13,7 +14,6 @@ use crate::http::api;
 use crate::http::door::keys::Minutely;
 use crate::http::door::limits::Windows;
 use crate::http::door::passwords::Passwords;
-use crate::http::door::sessions::Sessions;
 use crate::http::resources::events::feed::Feed;
 use crate::http::resources::meshes::cache::MeshCache;
 use crate::http::telemetry::gauges::Gauges;
@@ -42,6 +42,8 @@ pub struct App {
     /// Cancelled when the service shall stop. New work is refused, streams and waits end; reads are
     /// answered until the workers have given their jobs back.
     pub shutdown: CancellationToken,
+    /// Jobs that all processes with these records work on at the same time.
+    pub(in crate::http) slots: AtomicU64,
     /// When the service started, in milliseconds since the epoch.
     pub started_at: i64,
     /// Addresses of strangers that the audit trail told of a short while ago.
@@ -50,8 +52,6 @@ pub struct App {
     pub(in crate::http) uses: Minutely<Arc<str>>,
     /// Requests of tenants and keys in the present minute.
     pub(in crate::http) windows: Windows,
-    /// People who have signed in.
-    pub(in crate::http) sessions: Sessions,
     /// Passwords that were tried.
     pub(in crate::http) passwords: Passwords,
     /// Reads uploads.
@@ -111,8 +111,8 @@ impl App {
             strangers: Minutely::default(),
             uses: Minutely::default(),
             windows: Windows::default(),
-            sessions: Sessions::default(),
             passwords: Passwords::default(),
+            slots: AtomicU64::new(config.workers.into()),
             started_at: store.now(),
             turns: Turns::default(),
             cloud_files: RwLock::new(()),
@@ -129,7 +129,7 @@ impl App {
     pub(in crate::http) fn shown(&self, place: &Place) -> api::Place {
         api::Place {
             queue_position: place.position,
-            eta_seconds: place.eta_seconds(self.config.workers),
+            eta_seconds: place.eta_seconds(self.slots.load(Ordering::Relaxed)),
         }
     }
 

@@ -164,6 +164,25 @@ impl Keyring {
         });
     }
 
+    /// Has these as all keys that APIs made: those of this process and of others with the same records.
+    pub fn take_made(&self, made: Vec<Key>) {
+        let ring = self.ring();
+        let had = ring.keys.values().filter(|key| !key.in_file);
+        let mut had: Vec<&Key> = had.map(|key| &**key).collect();
+        had.sort_by_key(|key| key.hash.to_string());
+        let mut has: Vec<&Key> = made.iter().collect();
+        has.sort_by_key(|key| key.hash.to_string());
+        if had == has {
+            return;
+        }
+        self.change(|ring| {
+            ring.keys.retain(|_, key| key.in_file);
+            for key in made {
+                ring.keys.entry(key.hash).or_insert_with(|| Arc::new(key));
+            }
+        });
+    }
+
     /// Takes out a key that the API made.
     pub fn remove(&self, hash: &KeyHash) {
         self.change(|ring| {

@@ -192,9 +192,8 @@ pub struct Place {
 
 impl Place {
     /// Estimated seconds to the end of the job with so many workers, in tenths.
-    pub fn eta_seconds(&self, workers: u16) -> f64 {
-        let workers = u64::from(workers.max(1));
-        ((self.before_ms / workers + self.cost_ms) as f64 / 100.0).round() / 10.0
+    pub fn eta_seconds(&self, workers: u64) -> f64 {
+        ((self.before_ms / workers.max(1) + self.cost_ms) as f64 / 100.0).round() / 10.0
     }
 }
 

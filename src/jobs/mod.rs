@@ -54,7 +54,8 @@ pub use job::{
 };
 pub use store::{
     Act, Acts, AuditFault, AuditHead, AuditOutcome, AuditRow, Checkpoint, Idempotency,
-    IdempotencyState, LocalFile, MeshInfo, Options, Records, Store, StoredResponse, Subject,
+    IdempotencyState, LocalFile, MeshInfo, NewNode, Options, Records, Role, Session, Store,
+    StoredResponse, Subject,
 };
 
 pub use supervisor::{Supervisor, Workers};

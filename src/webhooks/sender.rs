@@ -4,11 +4,17 @@ use std::collections::HashSet;
 use std::time::Duration;
 
 use tokio::task::JoinSet;
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 use super::post::Post;
 use super::schedule::after;
 use crate::jobs::{Due, Next, Store, WebhookId};
+
+/// How long one of several processes has the duty to send, in milliseconds, and after what time it takes it
+/// for longer: a try that takes as long as it may still ends within.
+const DUTY_MS: i64 = 90_000;
+const DUTY_RENEWED: Duration = Duration::from_secs(30);
 
 /// Messages that are on their way at the same time, each to another webhook.
 const AT_ONCE: usize = 32;
@@ -34,11 +40,14 @@ impl Sender {
     /// Until the service stops. What is on its way then is sent again by the next start.
     pub async fn run(self, shutdown: CancellationToken) {
         let mut changed = self.store.changed();
+        let mut duty = Duty::default();
         let mut busy = HashSet::new();
         let mut tries = JoinSet::new();
         loop {
             changed.mark_unchanged();
-            self.begin(&mut tries, &mut busy).await;
+            if duty.is_ours(&self.store).await {
+                self.begin(&mut tries, &mut busy).await;
+            }
             let wait = self.until_the_next().await;
             tokio::select! {
                 () = shutdown.cancelled() => return,
@@ -84,6 +93,31 @@ impl Sender {
         let next = self.store.next_delivery().await.ok().flatten();
         let wait = next.map(|next| Duration::from_millis((next - self.store.now()).max(0) as u64));
         wait.map_or(LONGEST_LOOK, |wait| wait.clamp(LOOK, LONGEST_LOOK))
+    }
+}
+
+/// Whether this process sends the messages, where several share them.
+#[derive(Default)]
+struct Duty {
+    /// When it was taken last.
+    taken: Option<Instant>,
+}
+
+impl Duty {
+    async fn is_ours(&mut self, store: &Store) -> bool {
+        if !store.is_shared() || self.taken.is_some_and(|at| at.elapsed() < DUTY_RENEWED) {
+            return true;
+        }
+        let asked = Instant::now();
+        match store.take_duty("webhooks", DUTY_MS).await {
+            Ok(ours) => self.taken = ours.then_some(asked),
+            // A message that is sent twice has the same id; one that nobody sends is lost to its receiver.
+            Err(error) => {
+                tracing::warn!(error.message = %error, "nobody may be sending to webhooks");
+                self.taken = None;
+            }
+        }
+        self.taken.is_some()
     }
 }
 

@@ -312,7 +312,7 @@ async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
     let folder = Folder::new().await;
     // Without a server, so that nobody kills it.
     let mut worker = tokio::process::Command::new(SCRIPTED)
-        .args(["worker", "--slot=0", "--script=sleep:5", "--data-dir"])
+        .args(["slot", "--slot=0", "--script=sleep:5", "--data-dir"])
         .arg(folder.path())
         .stdin(Stdio::piped())
         .stdout(Stdio::null())

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod clock;
+mod cluster;
 mod data_folder;
 mod erasure;
 mod erasure_kinds;
@@ -11,6 +12,7 @@ mod full_disk;
 mod http;
 mod kind_jobs;
 mod medical_jobs;
+mod nodes;
 mod objects;
 mod on_postgres;
 mod people;

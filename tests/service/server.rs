@@ -194,12 +194,17 @@ pub(crate) struct Server {
 impl Server {
     /// Starts a server in a folder, with its log elsewhere, and waits until it listens.
     pub(crate) async fn start(folder: &Path, log: PathBuf, flags: &[&str]) -> Self {
-        let scripted = flags.iter().any(|flag| flag.starts_with("--script="));
+        let serve = ["serve", "--disk-reserve-mib=0", "--disk-reserve-percent=0"];
+        Self::spawn(folder, log, &[&serve, flags].concat()).await
+    }
+
+    /// Starts a process that listens, by its whole command line but folder and address.
+    pub(crate) async fn spawn(folder: &Path, log: PathBuf, line: &[&str]) -> Self {
+        let scripted = line.iter().any(|flag| flag.starts_with("--script="));
         let child = Command::new(if scripted { SCRIPTED } else { PROGRAM })
-            .args(["serve", "--listen=127.0.0.1:0", "--disk-reserve-mib=0"])
-            .args(["--disk-reserve-percent=0", "--data-dir"])
+            .args(line)
+            .args(["--listen=127.0.0.1:0", "--data-dir"])
             .arg(folder)
-            .args(flags)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(File::create(&log).unwrap())

@@ -19,7 +19,7 @@ use base64::prelude::BASE64_STANDARD;
 
 use crate::http::AppState;
 use crate::http::door::client::Client;
-use crate::http::door::{origin, passwords};
+use crate::http::door::{origin, passwords, sessions};
 use crate::http::wire::error::{ApiError, Code, Result};
 use crate::http::wire::extract::header;
 use crate::http::wire::request_id;
@@ -156,9 +156,21 @@ fn credential(app: &AppState, request: &Request) -> Result<Credential> {
 async fn identify(app: &AppState, given: Credential, address: Option<IpAddr>) -> Result<Caller> {
     let (keys, now) = (&app.config.keys, app.store.now());
     match given {
-        Credential::Key(secret) => keys.identify(&secret, address, now).map_err(refused),
+        Credential::Key(secret) => {
+            let found = match keys.identify(&secret, address, now) {
+                // Another node may have made it a moment ago.
+                Err(Refusal::Unknown) if app.store.is_shared() => {
+                    if let Some(key) = app.store.key(&secret.hash()).await? {
+                        keys.add(key);
+                    }
+                    keys.identify(&secret, address, now)
+                }
+                found => found,
+            };
+            found.map_err(refused)
+        }
         Credential::Session(secret) => {
-            let found = app.sessions.find(&secret, keys, now);
+            let found = sessions::find(app, &secret).await?;
             found.ok_or_else(|| {
                 unauthenticated(
                     "the session has ended: sign in again",

@@ -1,133 +1,111 @@
 //! People who have signed in with a password: what their cookies stand for.
 //!
-//! A session is known by the hash of what the cookie holds, in memory alone: nothing of it is on the
-//! disk, and the end of the service ends it. So do signing out, another password in the file, half an
-//! hour without a request, and twelve hours in any case.
+//! A session is a row under the hash of what the cookie holds, so that it goes on after a start of the
+//! service and on every node. It ends by signing out, by another password in the file, after half an hour
+//! without a request, and after twelve hours in any case.
 
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use sha2::{Digest, Sha256};
 
-use crate::identity::{Caller, KeyHash, Keyring, Secret, User};
+use crate::http::AppState;
+use crate::http::wire::error::{ApiError, Result};
+use crate::identity::{Caller, Secret, User};
+use crate::jobs::{self, Session};
 
 /// Longest time between two requests, and of a session, in milliseconds.
 const IDLE_MS: i64 = 30 * 60 * 1_000;
 const LONGEST_MS: i64 = 12 * 60 * 60 * 1_000;
 
+/// Time between two notes that a session is used: each is a write, and a session may end so much too early.
+const NOTED_MS: i64 = 60 * 1_000;
+
 /// Most sessions at the same time; beyond it the one that was used least lately ends.
-const MOST: usize = 10_000;
+const MOST: u32 = 10_000;
 
-/// All sessions.
-#[derive(Debug, Default)]
-pub(in crate::http) struct Sessions(Mutex<HashMap<KeyHash, Session>>);
-
-#[derive(Debug)]
-struct Session {
-    user: Arc<User>,
-    /// In milliseconds since the epoch.
-    began: i64,
-    used: i64,
+/// Begins a session; gives what the cookie holds.
+///
+/// # Errors
+/// Those of the store.
+pub(in crate::http) async fn begin(app: &AppState, user: &User) -> Result<Secret> {
+    let (secret, now) = (
+        Secret::generate().map_err(ApiError::internal)?,
+        app.store.now(),
+    );
+    let session = Session {
+        user: user.name.to_string(),
+        password: mark_of(user),
+        began_at: now,
+        used_at: now,
+    };
+    let bounds = (now - IDLE_MS, MOST);
+    let begun = app.store.begin_session(hash_of(&secret), session, bounds);
+    begun.await?;
+    Ok(secret)
 }
 
-impl Session {
-    fn is_open(&self, now: i64) -> bool {
-        // A clock that was set back must not make it longer.
-        (0..LONGEST_MS).contains(&(now - self.began)) && now - self.used < IDLE_MS
+/// Who sends this cookie, if the session is open and the user known as when it began.
+///
+/// # Errors
+/// Those of the store.
+pub(in crate::http) async fn find(app: &AppState, secret: &Secret) -> Result<Option<Caller>> {
+    let (hash, now) = (hash_of(secret), app.store.now());
+    let Some(session) = app.store.session(&hash).await? else {
+        return Ok(None);
+    };
+    let user = app.config.keys.user(&session.user);
+    let known = user.filter(|user| mark_of(user) == session.password && is_open(&session, now));
+    let Some(caller) = known.and_then(|user| app.config.keys.signed_in(&user)) else {
+        app.store.end_session(hash).await?;
+        return Ok(None);
+    };
+    if now - session.used_at >= NOTED_MS
+        && let Err(error) = app.store.use_session(hash, now).await
+    {
+        // With a full disk people go on working.
+        tracing::warn!(error.message = %error, "the use of a session was not noted");
     }
+    Ok(Some(caller))
 }
 
-impl Sessions {
-    /// Begins one; gives what the cookie holds.
-    ///
-    /// # Errors
-    /// When the system has no random numbers.
-    pub(in crate::http) fn begin(
-        &self,
-        user: Arc<User>,
-        now: i64,
-    ) -> Result<Secret, getrandom::Error> {
-        let secret = Secret::generate()?;
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if all.len() >= MOST {
-            all.retain(|_, session| session.is_open(now));
-        }
-        if all.len() >= MOST {
-            let oldest = all.iter().min_by_key(|(_, session)| session.used);
-            let oldest = oldest.map(|(hash, _)| *hash);
-            oldest.and_then(|hash| all.remove(&hash));
-        }
-        let session = Session {
-            user,
-            began: now,
-            used: now,
-        };
-        all.insert(secret.hash(), session);
-        Ok(secret)
-    }
+/// Ends a session.
+///
+/// # Errors
+/// Those of the store.
+pub(in crate::http) async fn end(app: &AppState, secret: &Secret) -> jobs::Result<()> {
+    app.store.end_session(hash_of(secret)).await
+}
 
-    /// Who sends this cookie, if the session is open and the user known as when it began.
-    pub(in crate::http) fn find(
-        &self,
-        secret: &Secret,
-        keys: &Keyring,
-        now: i64,
-    ) -> Option<Caller> {
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let session = all.get_mut(&secret.hash())?;
-        let caller = keys
-            .signed_in(&session.user)
-            .filter(|_| session.is_open(now));
-        match &caller {
-            Some(_) => session.used = now,
-            None => drop(all.remove(&secret.hash())),
-        }
-        caller
-    }
+fn is_open(session: &Session, now: i64) -> bool {
+    // A clock that was set back must not make it longer.
+    (0..LONGEST_MS).contains(&(now - session.began_at)) && now - session.used_at < IDLE_MS
+}
 
-    /// Ends one.
-    pub(in crate::http) fn end(&self, secret: &Secret) {
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        all.remove(&secret.hash());
-    }
+fn hash_of(secret: &Secret) -> String {
+    secret.hash().to_string()
+}
+
+/// What tells a password from another one of the same name, and does not help to guess it.
+fn mark_of(user: &User) -> String {
+    hex::encode(Sha256::digest(user.password.to_string()))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identity::Password;
-
-    fn keyring(password: &Password) -> Keyring {
-        let text =
-            format!("[[users]]\nname = \"anna\"\npassword = \"{password}\"\nscopes = [\"read\"]\n");
-        Keyring::of_file(&text).unwrap()
-    }
 
     #[test]
     fn a_session_ends_when_it_is_idle_and_in_any_case() {
-        let keys = keyring(&Password::of("correct horse").unwrap());
-        let sessions = Sessions::default();
-        let begin = || sessions.begin(keys.user("anna").unwrap(), 0).unwrap();
-        let secret = begin();
-        let found = |secret: &Secret, now| sessions.find(secret, &keys, now).is_some();
-        assert!(found(&secret, IDLE_MS - 1) && !found(&secret, 2 * IDLE_MS - 1));
-        // It does not come back.
-        assert!(!found(&secret, IDLE_MS));
-        let busy = begin();
-        for now in (0..LONGEST_MS).step_by(1_000_000) {
-            assert!(found(&busy, now), "{now}");
-        }
-        assert!(!found(&busy, LONGEST_MS));
-        let ended = begin();
-        sessions.end(&ended);
-        assert!(!found(&ended, 1) && !found(&Secret::generate().unwrap(), 1));
-    }
-
-    #[test]
-    fn a_session_ends_with_its_password_and_its_user() {
-        let keys = keyring(&Password::of("correct horse").unwrap());
-        let sessions = Sessions::default();
-        let secret = sessions.begin(keys.user("anna").unwrap(), 0).unwrap();
-        keys.replace(&keyring(&Password::of("battery staple").unwrap()))
-            .unwrap();
-        assert!(sessions.find(&secret, &keys, 1).is_none());
+        let open = |began_at, used_at, now| {
+            let session = Session {
+                user: "anna".to_owned(),
+                password: String::new(),
+                began_at,
+                used_at,
+            };
+            is_open(&session, now)
+        };
+        assert!(open(0, 0, IDLE_MS - 1) && !open(0, 0, IDLE_MS));
+        let end = LONGEST_MS;
+        assert!(open(0, end - 2, end - 1) && !open(0, end - 1, end));
+        assert!(!open(1, 1, 0));
     }
 }

@@ -11,6 +11,7 @@ use crate::config::Config;
 use crate::http::AppState;
 use crate::http::api;
 use crate::http::door::keys::{Credential, KEY_COOKIE, SESSION_COOKIE, credential_in};
+use crate::http::door::sessions;
 use crate::http::wire::error::{ApiError, Result};
 use crate::http::wire::extract::{NoQuery, header};
 use crate::identity::{Actor, Caller};
@@ -47,8 +48,7 @@ pub(in crate::http) async fn sign_in(
             let note = app.store.by(&caller);
             note.note(Act::SessionCreate, &name, AuditOutcome::Done)
                 .await?;
-            let session = app.sessions.begin(user, app.store.now());
-            let session = session.map_err(ApiError::internal)?;
+            let session = sessions::begin(&app, &user).await?;
             ((SESSION_COOKIE, session), KEY_COOKIE)
         }
     };
@@ -67,7 +67,7 @@ pub(in crate::http) async fn sign_out(
 ) -> Result<Response> {
     let headers = request.headers();
     if let Ok(Credential::Session(secret)) = credential_in(headers, request.uri()) {
-        app.sessions.end(&secret);
+        sessions::end(&app, &secret).await?;
     }
     let cookies = [
         cookie(&app.config, headers, (KEY_COOKIE, "", 0))?,

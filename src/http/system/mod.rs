@@ -2,6 +2,7 @@
 
 pub(in crate::http) mod docs;
 pub(in crate::http) mod web;
+pub(in crate::http) mod workers;
 
 use std::time::Duration;
 
@@ -19,6 +20,7 @@ use crate::http::resources::events;
 use crate::http::resources::field;
 use crate::http::resources::jobs::request::{MAX_LABEL_LENGTH, MAX_LABELS, PRIORITIES};
 use crate::http::resources::{batches, uploads};
+use crate::http::telemetry::Telemetry;
 use crate::http::upload::bodies::{JSON_LIMIT, LEAST_RATE};
 use crate::http::wire::accept::preferred;
 use crate::http::wire::error::{ApiError, Code, Result};
@@ -76,11 +78,11 @@ pub(in crate::http) async fn limits(State(app): State<AppState>, _: NoQuery) -> 
             maximum: *PRIORITIES.end() as f64,
         },
         chosen_evaluations: MAX_CHOSEN_EVALUATIONS,
-        grid_bytes: config.job_memory_bytes(),
-        training_bytes: config.job_memory_bytes(),
-        worker_memory_bytes: config.worker_memory_bytes(),
+        grid_bytes: config.work.job_memory_bytes(),
+        training_bytes: config.work.job_memory_bytes(),
+        worker_memory_bytes: config.work.memory_bytes(),
         queued_jobs: config.queue_limit,
-        job_seconds: config.job_time_limit_seconds,
+        job_seconds: config.work.job_time_limit_seconds,
         wait_seconds: MAX_WAIT_SECONDS,
         idempotency_key_characters: idempotency::MAX_KEY_LENGTH,
         idempotency_seconds: idempotency::KEPT_MS / 1_000,
@@ -89,8 +91,8 @@ pub(in crate::http) async fn limits(State(app): State<AppState>, _: NoQuery) -> 
         open_uploads: uploads::MOST_OPEN,
         page_items: page::MAX_LIMIT,
         event_page_items: events::MAX_LIMIT,
-        events_per_job: config.max_events,
-        metrics_per_job: config.max_metrics,
+        events_per_job: config.work.max_events,
+        metrics_per_job: config.work.max_metrics,
         event_streams: config.max_streams,
         event_streams_per_client: config.streams_per_client(),
         field_bytes: field::MAX_BODY_BYTES,
@@ -160,8 +162,9 @@ async fn checks(app: &AppState) -> [(&'static str, std::result::Result<(), Strin
     };
     let disk = app.disk.check(0).map_err(|shortage| shortage.to_string());
     let workers = *app.workers.borrow();
+    // Without any of its own, others work, and may be started only when there is something to do.
     let workers = match workers.busy + workers.idle {
-        0 => Err("no worker runs".to_owned()),
+        0 if app.config.workers > 0 => Err("no worker runs".to_owned()),
         _ => Ok(()),
     };
     let draining = if app.shutdown.is_cancelled() {
@@ -183,16 +186,21 @@ pub(in crate::http) async fn metrics(
     headers: HeaderMap,
 ) -> Result<Response> {
     app.gauges.refresh(&app).await?;
-    app.telemetry.refresh();
+    scraped(&app.telemetry, &headers)
+}
+
+/// What Prometheus asks for, in the format that it asks for.
+fn scraped(telemetry: &Telemetry, headers: &HeaderMap) -> Result<Response> {
+    telemetry.refresh();
     let mut text = String::new();
-    let registry = app.telemetry.registry.lock();
+    let registry = telemetry.registry.lock();
     let registry = registry.unwrap_or_else(std::sync::PoisonError::into_inner);
     prometheus_client::encoding::text::encode(&mut text, &registry).map_err(ApiError::internal)?;
     let offers = [
         ("application/openmetrics-text", true),
         ("text/plain", false),
     ];
-    let open = preferred(&headers, &offers).unwrap_or(true);
+    let open = preferred(headers, &offers).unwrap_or(true);
     let media_type = HeaderValue::from_static(if open {
         "application/openmetrics-text; version=1.0.0; charset=utf-8"
     } else {

@@ -5,7 +5,7 @@
 
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::AtomicU64;
 use std::sync::{Mutex, PoisonError};
 
 use prometheus_client::encoding::EncodeLabelSet;
@@ -13,12 +13,13 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
-use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::Registry;
 use serde_json::Value;
 
 use crate::folder::CLOUDS;
 use crate::http::App;
+use crate::http::telemetry::queue::QueueGauges;
+use crate::http::telemetry::workers::WorkerGauges;
 use crate::http::wire::error::Result;
 use crate::jobs::store::{CONTENT_FILE, DATABASE_FILE};
 use crate::jobs::worker::slot_of;
@@ -47,7 +48,6 @@ labels! {
     Finished { status, code }
     ByPhase { phase }
     ByReason { reason }
-    ByState { state }
     Trained { scheme, engine }
     BySlot { slot }
     ByKind { kind }
@@ -62,9 +62,8 @@ pub(in crate::http) struct Gauges {
     queue_wait: Histogram,
     phases: Family<ByPhase, Histogram>,
     attempts: Family<ByReason, Counter>,
-    oldest: Number,
-    workers: Family<ByState, Gauge>,
-    restarts: Counter,
+    queue: QueueGauges,
+    workers: WorkerGauges,
     evaluations: Family<Trained, Counter>,
     loss: Family<BySlot, Number>,
     triangles: Histogram,
@@ -86,9 +85,8 @@ impl Gauges {
             jobs: Family::default(),
             finished: Family::default(),
             attempts: Family::default(),
-            oldest: Gauge::default(),
-            workers: Family::default(),
-            restarts: Counter::default(),
+            queue: QueueGauges::default(),
+            workers: WorkerGauges::default(),
             evaluations: Family::default(),
             loss: Family::default(),
             storage: Family::default(),
@@ -99,8 +97,6 @@ impl Gauges {
         };
         let g = &gauges;
         g.begin_at_zero();
-        let build = Info::new([("version", env!("CARGO_PKG_VERSION"))]);
-        registry.register("build", "Version of the service", build);
         registry.register("jobs", "Jobs by status", g.jobs.clone());
         registry.register("jobs_finished", "Jobs that ended", g.finished.clone());
         registry.register(
@@ -114,17 +110,8 @@ impl Gauges {
             "Attempts, by why they were made",
             g.attempts.clone(),
         );
-        registry.register(
-            "queue_oldest_age_seconds",
-            "Age of the first in the queue",
-            g.oldest.clone(),
-        );
-        registry.register("workers", "Worker processes", g.workers.clone());
-        registry.register(
-            "worker_restarts",
-            "Workers started again",
-            g.restarts.clone(),
-        );
+        g.queue.register(registry);
+        g.workers.register(registry);
         registry.register(
             "training_evaluations",
             "Evaluations of loss and gradient",
@@ -276,23 +263,8 @@ impl Gauges {
                 .get_or_create(&label)
                 .set(counts.get(status) as i64);
         }
-        let oldest = app.store.oldest_queued().await?;
-        let age = oldest.map_or(0, |since| (app.store.now() - since).max(0));
-        self.oldest.set(age as f64 / 1e3);
-        let workers = *app.workers.borrow();
-        for (state, count) in [
-            ("busy", workers.busy),
-            ("idle", workers.idle),
-            ("starting", workers.starting),
-        ] {
-            let state = state.to_owned();
-            self.workers
-                .get_or_create(&ByState { state })
-                .set(count.into());
-        }
-        self.restarts
-            .inner()
-            .store(workers.restarts, Ordering::Relaxed);
+        self.queue.refresh(app).await?;
+        self.workers.set(*app.workers.borrow());
         self.running_losses(&app.store).await?;
         self.storage(app);
         self.streams.set(app.feed.streams() as i64);

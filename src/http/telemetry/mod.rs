@@ -2,6 +2,8 @@
 
 pub(in crate::http) mod gauges;
 mod process;
+mod queue;
+pub(in crate::http) mod workers;
 
 use std::sync::Mutex;
 

@@ -2,6 +2,7 @@
 
 pub(in crate::http) mod bodies;
 pub(in crate::http) mod parts;
+mod sink;
 pub(in crate::http) mod spool;
 
 use std::os::unix::fs::FileExt;

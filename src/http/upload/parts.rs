@@ -7,7 +7,7 @@
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions};
 use std::io;
-use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
@@ -20,6 +20,7 @@ use tokio_util::sync::CancellationToken;
 use crate::folder::{RESUMABLE, UPLOADS, in_folder};
 use crate::http::AppState;
 use crate::http::upload::bodies::BATCH;
+use crate::http::upload::sink::Sink;
 use crate::http::upload::spool::{Spooled, storage};
 use crate::http::upload::{blocking, next, pace};
 use crate::http::wire::error::{ApiError, Code, Result};
@@ -100,11 +101,15 @@ pub(in crate::http) fn path(app: &AppState, id: &UploadId) -> PathBuf {
     app.config.data_dir.join(RESUMABLE).join(id.as_str())
 }
 
-/// Makes the empty file of an upload, which survives a loss of power.
+/// Makes the empty file of an upload, which survives a loss of power. None is needed with an object store.
 ///
 /// # Errors
 /// [`Code::InsufficientStorage`], [`Code::Internal`].
-pub(in crate::http) async fn make(path: PathBuf) -> Result<()> {
+pub(in crate::http) async fn make(app: &AppState, id: &UploadId) -> Result<()> {
+    if !app.store.keeps_files() {
+        return Ok(());
+    }
+    let path = path(app, id);
     let made = blocking(move || {
         let folder = path.parent().unwrap_or(Path::new("."));
         let mut options = OpenOptions::new();
@@ -116,8 +121,8 @@ pub(in crate::http) async fn make(path: PathBuf) -> Result<()> {
 }
 
 /// Removes the file of an upload whose row is gone, or has what came of it.
-pub(in crate::http) async fn remove(path: &Path) {
-    match tokio::fs::remove_file(path).await {
+pub(in crate::http) async fn remove(app: &AppState, id: &UploadId) {
+    match tokio::fs::remove_file(path(app, id)).await {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
             // The next start removes files without a row.
             tracing::warn!(error.message = %error, "the file of an upload stays");
@@ -139,8 +144,13 @@ pub(in crate::http) struct Target<'a> {
 }
 
 impl Target<'_> {
-    /// Counts bytes that the disk has.
-    async fn count(&mut self, app: &AppState, to: u64) -> Result<()> {
+    /// Counts bytes that are in place, in the file that is the upload's own or in one that is its next part.
+    pub(super) async fn count(
+        &mut self,
+        app: &AppState,
+        to: u64,
+        part: Option<&Path>,
+    ) -> Result<()> {
         let step = Step {
             from: self.upload.bytes,
             to,
@@ -148,8 +158,11 @@ impl Target<'_> {
             complete: false,
             keep_ms: app.config.upload_keep_ms(),
         };
-        let acts = app.store.by(self.caller);
-        *self.upload = acts.advance_upload(&self.upload.id, step).await?;
+        let (acts, id) = (app.store.by(self.caller), &self.upload.id);
+        *self.upload = match part {
+            Some(part) if step.to > step.from => acts.append_part(id, step, part).await?,
+            _ => acts.advance_upload(id, step).await?,
+        };
         Ok(())
     }
 }
@@ -165,7 +178,7 @@ pub(in crate::http) async fn append(
     mut target: Target<'_>,
     body: Body,
 ) -> Result<Result<()>> {
-    let mut sink = Sink::open(path(app, &target.upload.id), target.upload.bytes).await?;
+    let mut sink = Sink::open(app, &target.upload.id, target.upload.bytes).await?;
     let limit = target.length.unwrap_or(app.config.body_limit_bytes());
     let place = app.bodies.batch();
     let (mut pace, mut stream) = (pace(app), body.into_data_stream());
@@ -181,82 +194,34 @@ pub(in crate::http) async fn append(
             Ok(None) => break Ok(()),
             Ok(Some(chunk)) => batch.extend_from_slice(&chunk),
         }
-        if sink.at + batch.len() as u64 > limit {
+        if sink.at() + batch.len() as u64 > limit {
             batch.clear();
             let detail = "more bytes came than the upload may have";
             break Err(ApiError::new(Code::UploadLength, detail));
         }
         if place.is_none() || batch.len() >= BATCH {
             sink = sink.write(batch.split()).await?;
-            if sink.at - sink.synced >= SYNC_BYTES {
-                sink = sink.sync().await?;
-                target.count(app, sink.synced).await?;
+            if sink.at() - target.upload.bytes >= SYNC_BYTES {
+                sink = sink.commit(app, &mut target).await?;
             }
         }
     };
-    sink = sink.write(batch).await?.sync().await?;
-    target.count(app, sink.synced).await?;
+    let sink = sink.write(batch).await?;
+    sink.commit(app, &mut target).await?;
     Ok(outcome)
 }
 
-/// A file that grows.
-struct Sink {
-    file: File,
-    /// Bytes that are written.
-    at: u64,
-    /// Bytes that the disk has.
-    synced: u64,
-}
-
-impl Sink {
-    async fn open(path: PathBuf, from: u64) -> Result<Self> {
-        let opened = blocking(move || -> io::Result<Option<Self>> {
-            let file = match OpenOptions::new().write(true).open(&path) {
-                Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-                file => file?,
-            };
-            if file.metadata()?.len() < from {
-                return Ok(None);
-            }
-            file.set_len(from)?;
-            Ok(Some(Self {
-                file,
-                at: from,
-                synced: from,
-            }))
-        });
-        let opened = opened.await?.map_err(|error| storage(&error))?;
-        opened.ok_or_else(|| {
-            let detail = "bytes of the upload are not there any more; begin a new one";
-            ApiError::new(Code::Gone, detail)
-        })
-    }
-
-    async fn write(mut self, batch: BytesMut) -> Result<Self> {
-        let written = blocking(move || {
-            self.file.write_all_at(&batch, self.at)?;
-            self.at += batch.len() as u64;
-            Ok(self)
-        });
-        written.await?.map_err(|error: io::Error| storage(&error))
-    }
-
-    async fn sync(mut self) -> Result<Self> {
-        let synced = blocking(move || {
-            self.file.sync_data()?;
-            self.synced = self.at;
-            Ok(self)
-        });
-        synced.await?.map_err(|error: io::Error| storage(&error))
-    }
-}
-
-/// A complete upload as any other: a temporary file, which is a second name of the same bytes. The
-/// first name stays until it is known what came of them.
+/// A complete upload as any other: a temporary file, which is a second name of the same bytes, or a copy of
+/// those of the object store. The first ones stay until it is known what came of them.
 ///
 /// # Errors
-/// [`Code::InsufficientStorage`], [`Code::Internal`].
+/// [`Code::InsufficientStorage`], [`Code::Internal`], and those of the store.
 pub(in crate::http) async fn spooled(app: &AppState, id: &UploadId) -> Result<Spooled> {
+    if !app.store.keeps_files() {
+        let file = app.store.upload_file(id).await?;
+        let spooled = blocking(move || Spooled::of(file));
+        return spooled.await?.map_err(|error| storage(&error));
+    }
     let (path, folder) = (path(app, id), app.config.data_dir.join(UPLOADS));
     let spooled = blocking(move || -> io::Result<Spooled> {
         let link = |to: &Path| {

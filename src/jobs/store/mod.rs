@@ -52,6 +52,9 @@ pub use records::audit::{AuditFault, AuditHead, AuditRow};
 pub use records::checkpoints::Checkpoint;
 pub use records::idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};
 pub use records::meshes::MeshInfo;
+pub use records::nodes::{NewNode, Role};
+pub use records::queue::Waiting;
+pub use records::sessions::Session;
 pub use sqlite::origin::is_ours;
 
 use super::{Error, Result};

@@ -21,11 +21,15 @@ pub struct Options {
     /// Name of the process, by which its unfinished content is found; empty for the server of the
     /// folder.
     pub process: String,
+    /// Name of this start among the processes that share the database; empty where it is alone.
+    pub node: String,
     /// The object store with the content; none: it is in the folder.
     pub objects: Option<ObjectsUrl>,
     /// How old an object in an object store is that no row names, before it is garbage: longer than
     /// any writing takes.
     pub garbage_age: Duration,
+    /// The process works on jobs, and does nothing besides: the place of the content is as a service left it.
+    pub only_works: bool,
     /// Rows are read, and nothing else is done: content stays where it is, whoever has it.
     pub rows_only: bool,
     /// Bytes of the disk that are set aside for erasing on a full one.
@@ -54,8 +58,10 @@ impl Default for Options {
             // Below the lease of 6 s: a worker learns that it could not renew before it lost it.
             busy_timeout: Duration::from_secs(5),
             process: String::new(),
+            node: String::new(),
             objects: None,
             garbage_age: Duration::from_hours(1),
+            only_works: false,
             rows_only: false,
             ballast_bytes: 0,
             clock: None,

@@ -125,7 +125,7 @@ impl Supervisor {
         }
         slots.close();
         tokio::select! {
-            () = slots.wait() => {}
+            () = async { tokio::join!(self.shutdown.cancelled(), slots.wait()); } => {}
             () = self.ring_bell() => {}
             () = self.sweep() => {}
         }

@@ -160,9 +160,9 @@ impl JobRequest {
             ..Counts::default()
         };
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let threads = config.worker_threads(cores);
+        let threads = config.work.threads(cores, config.workers);
         let cost = Cost::estimated(&self.settings, &labels.unwrap_or(budget), threads);
-        if let Some(limit) = config.job_memory_bytes() {
+        if let Some(limit) = config.work.job_memory_bytes() {
             self.check_grid(limit)?;
             self.check_training(&cost, limit)?;
         }

@@ -53,7 +53,7 @@ pub(in crate::http) async fn create(
     let length = asked.length(None, app.config.body_limit_bytes())?;
     app.disk.check(length.unwrap_or(0))?;
     let id = UploadId::new();
-    parts::make(parts::path(&app, &id)).await?;
+    parts::make(&app, &id).await?;
     let new = NewUpload {
         id: id.clone(),
         length,
@@ -63,7 +63,7 @@ pub(in crate::http) async fn create(
     };
     let begun = app.store.by(&caller).begin_upload(new, MOST_OPEN).await;
     let Some(upload) = begun? else {
-        parts::remove(&parts::path(&app, &id)).await;
+        parts::remove(&app, &id).await;
         let detail = format!(
             "{MOST_OPEN} uploads are open; finish some, erase them, or wait for their ends"
         );
@@ -284,7 +284,7 @@ pub(super) async fn give_up(
     reason: Reason,
 ) -> Result<bool> {
     let erased = app.store.by(caller).erase_upload(id, reason).await?;
-    parts::remove(&parts::path(app, id)).await;
+    parts::remove(app, id).await;
     promise(app).await;
     Ok(erased)
 }

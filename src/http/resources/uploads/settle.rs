@@ -37,7 +37,7 @@ pub(super) async fn settle(
         Ok(()) | Err(jobs::Error::Stale) => {}
         Err(error) => return Err(error.into()),
     }
-    parts::remove(&parts::path(app, &upload.id)).await;
+    parts::remove(app, &upload.id).await;
     Ok((end, created))
 }
 

@@ -1,6 +1,5 @@
 //! Files of clouds: in the folder `clouds/`, or with an object store an object each.
 
-use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -57,11 +56,49 @@ impl Store {
             };
             return Ok(there.then_some(file));
         };
-        let fetched = self.bucket()?.fetch(key, cloud, &self.inner.folder).await?;
-        Ok(fetched.map(|fetched| LocalFile {
+        let object = Kept {
+            key: key.clone(),
+            bytes: cloud.bytes,
+        };
+        let Some((file, sha256)) = self.fetch(&[object]).await? else {
+            return Ok(None);
+        };
+        if sha256 != cloud.sha256 {
+            return Err(Error::Inconsistent {
+                table: "clouds",
+                column: "object",
+                detail: format!("the bytes of {} are not those that were sent", cloud.id),
+            });
+        }
+        let fetched = file.into_temp_path();
+        Ok(Some(LocalFile {
             path: fetched.to_path_buf(),
             _fetched: Some(fetched),
         }))
+    }
+
+    /// A temporary file with the bytes of objects one after the other, and its SHA-256; none if some are not
+    /// there.
+    pub(in crate::jobs::store) async fn fetch(
+        &self,
+        objects: &[Kept],
+    ) -> Result<Option<(NamedTempFile, String)>> {
+        let (bucket, folder) = (self.bucket()?, self.inner.folder.join(UPLOADS));
+        let file = in_folder(&folder, || NamedTempFile::new_in(&folder)).map_err(full)?;
+        let mut written = Written {
+            file,
+            hash: Sha256::new(),
+        };
+        for object in objects {
+            let mut parts = bucket.parts(&object.key, object.bytes);
+            while let Some(part) = parts.try_next().await? {
+                let Some(part) = part else {
+                    return Ok(None);
+                };
+                written = written.with(part).await?;
+            }
+        }
+        Ok(Some((written.file, hex::encode(written.hash.finalize()))))
     }
 
     /// Whether the bytes of the cloud are there.
@@ -77,8 +114,8 @@ impl Store {
         }
     }
 
-    /// Writes a file that the row of a cloud is to name into the object store.
-    pub(in crate::jobs::store) async fn put_cloud(&self, file: &Path) -> Result<Kept> {
+    /// Writes a file that a row is to name into the object store.
+    pub(in crate::jobs::store) async fn put_file(&self, file: &Path) -> Result<Kept> {
         let key = new_key();
         match self.bucket()?.put_file(&key, file).await {
             Ok(kept) => Ok(kept),
@@ -95,37 +132,9 @@ impl Store {
     }
 }
 
-impl Bucket {
-    /// A temporary file with the bytes of a cloud, as it was sent; none if they are not there.
-    async fn fetch(&self, key: &str, cloud: &Cloud, folder: &Path) -> Result<Option<TempPath>> {
-        let uploads = folder.join(UPLOADS);
-        let made = in_folder(&uploads, || NamedTempFile::new_in(&uploads));
-        let (file, path) = made.map_err(full)?.into_parts();
-        let mut written = Written {
-            file,
-            hash: Sha256::new(),
-        };
-        let mut parts = self.parts(key, cloud.bytes);
-        while let Some(part) = parts.try_next().await? {
-            let Some(part) = part else {
-                return Ok(None);
-            };
-            written = written.with(part).await?;
-        }
-        if hex::encode(written.hash.finalize()) != cloud.sha256 {
-            return Err(Error::Inconsistent {
-                table: "clouds",
-                column: "object",
-                detail: format!("the bytes of {} are not those that were sent", cloud.id),
-            });
-        }
-        Ok(Some(path))
-    }
-}
-
 /// A file, and the hash of what was written to it.
 struct Written {
-    file: File,
+    file: NamedTempFile,
     hash: Sha256,
 }
 

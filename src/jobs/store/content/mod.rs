@@ -1,6 +1,7 @@
 //! Large content, apart from the rows, and what keeps it together with them.
 
 pub(in crate::jobs::store) mod ballast;
+mod bring;
 pub(in crate::jobs::store) mod bucket;
 pub(in crate::jobs::store) mod clouds;
 pub(in crate::jobs::store) mod embedded;

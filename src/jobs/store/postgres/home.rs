@@ -32,6 +32,27 @@ pub(in crate::jobs::store) async fn settle(db: &mut PgConnection, folder: &Path)
     }
 }
 
+/// Whether the database may be served from the folder: it has none, or this one.
+///
+/// # Errors
+/// `Elsewhere` if it has another one; `Full` if the folder cannot be read.
+pub(in crate::jobs::store) async fn check(db: &mut PgConnection, folder: &Path) -> Result<()> {
+    let select = "SELECT value FROM meta WHERE name = 'folder'";
+    let home: Option<String> = sqlx::query_scalar(select).fetch_optional(db).await?;
+    let own = name_of(folder).map_err(|error| Error::Full(error.to_string()))?;
+    match home {
+        Some(home) if home != own => Err(Error::Elsewhere),
+        _ => Ok(()),
+    }
+}
+
+/// The database has no folder any more: nothing that its rows name is in one.
+pub(in crate::jobs::store) async fn leave(db: &mut PgConnection) -> Result<()> {
+    let delete = "DELETE FROM meta WHERE name = 'folder'";
+    sqlx::query(delete).execute(db).await?;
+    Ok(())
+}
+
 /// The name of a folder, which is made at its first use.
 fn name_of(folder: &Path) -> std::io::Result<String> {
     let file = folder.join(NAME_FILE);

@@ -43,10 +43,16 @@ const BEGIN: &str = "BEGIN; SELECT pg_advisory_xact_lock(5715126710434267),
 const UNCERTAIN: Duration = Duration::from_secs(20);
 const PAUSE: Duration = Duration::from_millis(250);
 
-const MIGRATIONS: [(&str, &str); 1] = [(
-    "init",
-    include_str!("../../../../migrations/postgres/0001_init.sql"),
-)];
+const MIGRATIONS: [(&str, &str); 2] = [
+    (
+        "init",
+        include_str!("../../../../migrations/postgres/0001_init.sql"),
+    ),
+    (
+        "nodes",
+        include_str!("../../../../migrations/postgres/0002_nodes.sql"),
+    ),
+];
 
 /// How the server is connected to. Passwords may come from the environment, as for other clients.
 ///

@@ -24,7 +24,7 @@ impl Acts<'_> {
     /// # Errors
     /// `Quota`.
     pub async fn upload_cloud(self, new: NewCloud, file: &Path) -> Result<(Cloud, bool)> {
-        let object = self.store.put_cloud(file).await?;
+        let object = self.store.put_file(file).await?;
         self.write_cloud(new, Some(object)).await
     }
 

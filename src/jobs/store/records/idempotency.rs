@@ -90,14 +90,16 @@ impl Acts<'_> {
             .write(move |mut tx| {
                 Box::pin(async move {
                     let begun = query(
-                        "INSERT INTO idempotency (key, scope, tenant, request_sha256, created_at)
-                     VALUES (?1, ?2, ?3, ?4, ?5) ON CONFLICT (tenant, key, scope) DO NOTHING",
+                        "INSERT INTO idempotency (key, scope, tenant, request_sha256, created_at,
+                         node)
+                     VALUES (?1, ?2, ?3, ?4, ?5, ?6) ON CONFLICT (tenant, key, scope) DO NOTHING",
                     )
                     .bind(&key)
                     .bind(&scope)
                     .bind(tenant.as_str())
                     .bind(&request_sha256)
                     .bind(tx.now)
+                    .bind(&tx.options.node)
                     .execute(&mut tx.db)
                     .await?;
                     if begun.rows_affected() == 1 {
@@ -184,11 +186,12 @@ impl Acts<'_> {
                 Box::pin(async move {
                     query(
                         "DELETE FROM idempotency
-                     WHERE key = ?1 AND scope = ?2 AND tenant = ?3 AND status IS NULL",
+                     WHERE key = ?1 AND scope = ?2 AND tenant = ?3 AND status IS NULL AND node = ?4",
                     )
                     .bind(key)
                     .bind(scope)
                     .bind(tenant.as_str())
+                    .bind(&tx.options.node)
                     .execute(&mut tx.db)
                     .await?;
                     Ok(())
@@ -286,7 +289,7 @@ impl Transaction<'_> {
         let completed = query(
             "UPDATE idempotency SET status = ?3, headers = ?4, body = ?5, job_id = ?6,
                  cloud_id = ?7, batch_id = ?9
-             WHERE key = ?1 AND scope = ?2 AND tenant = ?8 AND status IS NULL",
+             WHERE key = ?1 AND scope = ?2 AND tenant = ?8 AND status IS NULL AND node = ?10",
         )
         .bind(key)
         .bind(scope)
@@ -297,6 +300,7 @@ impl Transaction<'_> {
         .bind(cloud)
         .bind(tenant.as_str())
         .bind(batch)
+        .bind(&self.options.node)
         .execute(&mut self.db)
         .await?;
         if completed.rows_affected() == 1 {

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::act::Act;
 use super::row::{Columns, to_json};
-use crate::identity::{Key, Scope, file};
+use crate::identity::{Key, KeyHash, Scope, file};
 use crate::jobs::store::sql::{Row, query};
 use crate::jobs::store::{Acts, Store};
 use crate::jobs::{Error, Result};
@@ -74,6 +74,15 @@ impl Store {
             .fetch_all(self.readers())
             .await?;
         rows.iter().map(key_of).collect()
+    }
+
+    /// The key of this hash, if the API made it.
+    pub async fn key(&self, hash: &KeyHash) -> Result<Option<Key>> {
+        let row = query("SELECT * FROM keys WHERE hash = ?1")
+            .bind(hash.to_string())
+            .fetch_optional(self.readers())
+            .await?;
+        row.as_ref().map(key_of).transpose()
     }
 
     /// Notes that the key of this id is used now.

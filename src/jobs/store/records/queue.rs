@@ -8,8 +8,9 @@ use std::collections::HashMap;
 
 use super::outcome::Fence;
 use super::row::{Columns, integer};
+use crate::identity::Tenant;
 use crate::jobs::store::Transaction;
-use crate::jobs::store::sql::{Db, On, query, scalar};
+use crate::jobs::store::sql::{Db, On, Row, query, scalar};
 use crate::jobs::store::{Records, Store};
 use crate::jobs::{JobId, Place, Result};
 
@@ -72,7 +73,44 @@ impl Records<'_> {
     }
 }
 
+/// Jobs of a tenant that wait, of one size.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Waiting {
+    /// Whose they are.
+    pub tenant: Tenant,
+    /// How long the work is estimated to take.
+    pub size: &'static str,
+    /// How many there are.
+    pub jobs: u64,
+    /// When the first of them was submitted, in milliseconds since the epoch.
+    pub oldest_at: i64,
+}
+
 impl Store {
+    /// What waits, by tenant and by the time that the work is estimated to take: `short` below a minute,
+    /// `medium` below ten, `long`.
+    pub async fn waiting(&self) -> Result<Vec<Waiting>> {
+        let select = "SELECT tenant, COUNT(*) AS jobs, MIN(created_at) AS oldest_at,
+                          CASE WHEN cost_ms < 60000 THEN 'short' WHEN cost_ms < 600000 THEN 'medium'
+                               ELSE 'long' END AS size
+                      FROM jobs WHERE status = 'queued' GROUP BY 1, 4";
+        let rows = query(select).fetch_all(self.readers()).await?;
+        let waiting = |row: &Row| {
+            let columns = Columns::new("jobs", row);
+            Ok(Waiting {
+                tenant: columns.parsed("tenant")?,
+                size: match columns.get("size")? {
+                    "short" => "short",
+                    "medium" => "medium",
+                    _ => "long",
+                },
+                jobs: columns.count("jobs")?,
+                oldest_at: columns.get("oldest_at")?,
+            })
+        };
+        rows.iter().map(waiting).collect()
+    }
+
     /// Forgets worked time that no limit looks at any more.
     pub async fn forget_compute(&self) -> Result<()> {
         self.write(|mut tx| {

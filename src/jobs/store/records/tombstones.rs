@@ -2,9 +2,8 @@
 
 use super::row::Columns;
 use crate::identity::Tenant;
-use crate::jobs::store::Records;
-use crate::jobs::store::Transaction;
 use crate::jobs::store::sql::{On, query};
+use crate::jobs::store::{Records, Store, Transaction};
 use crate::jobs::{BatchId, CloudId, Reason, Result, Tombstone, UploadId};
 
 impl Records<'_> {
@@ -21,6 +20,17 @@ impl Records<'_> {
     /// What stays of an upload, if it was here and was erased.
     pub async fn upload_tombstone(self, id: &UploadId) -> Result<Option<Tombstone>> {
         find(self.readers(), self.tenant, id.as_str()).await
+    }
+}
+
+impl Store {
+    /// Names of what was erased at this time or later, of all tenants, with the times of their ends.
+    pub async fn erased_since(&self, time: i64) -> Result<Vec<(String, i64)>> {
+        let select = "SELECT id, deleted_at FROM tombstones WHERE deleted_at >= ?1";
+        let rows = query(select).bind(time).fetch_all(self.readers()).await?;
+        rows.iter()
+            .map(|row| Ok((row.at(0)?, row.at(1)?)))
+            .collect()
     }
 }
 

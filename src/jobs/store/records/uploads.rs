@@ -1,11 +1,16 @@
-//! Rows of uploads that may go on after they were cut. The files are the caller's: in place before the
-//! row, removed after it; and bytes are on the disk before the row counts them.
+//! Rows of uploads that may go on after they were cut. Where there is no object store the files are the
+//! caller's: in place before the row, removed after it; and bytes are on the disk before the row counts
+//! them. With one they are objects.
+
+use std::path::Path;
+
+use tempfile::NamedTempFile;
 
 use super::act::Act;
 use super::row::{Columns, integer, to_json};
 use crate::identity::Tenant;
 use crate::jobs::store::sql::{Row, query, scalar};
-use crate::jobs::store::{Acts, Records, Store};
+use crate::jobs::store::{Acts, Records, Store, Transaction};
 use crate::jobs::{CloudId, Error, NewUpload, Reason, Result, Step, Upload, UploadEnd, UploadId};
 use crate::reconstruction::cloud::Format;
 
@@ -53,25 +58,34 @@ impl Acts<'_> {
     pub async fn advance_upload(self, id: &UploadId, step: Step) -> Result<Upload> {
         let (id, tenant) = (id.clone(), self.caller.tenant.clone());
         self.store
-            .write(move |mut tx| {
+            .write(move |mut tx| Box::pin(async move { tx.advance(&id, &tenant, step).await }))
+            .await
+    }
+
+    /// Puts further bytes, a file, into the object store and counts them.
+    ///
+    /// # Errors
+    /// As [`Acts::advance_upload`]; `ContentUnavailable` without the object store.
+    pub async fn append_part(self, id: &UploadId, step: Step, part: &Path) -> Result<Upload> {
+        let (id, tenant) = (id.clone(), self.caller.tenant.clone());
+        let kept = self.store.put_file(part).await?;
+        let named = kept.clone();
+        self.store
+            .name(&[&kept], move |mut tx| {
                 Box::pin(async move {
-                    let row = query(
-                        "UPDATE uploads SET bytes = ?4, length = ?5, complete = ?6,
-                             expires_at = ?7 + ?8
-                         WHERE id = ?1 AND tenant = ?2 AND bytes = ?3 AND complete = 0
-                         RETURNING *",
+                    tx.may_name(&named).await?;
+                    let upload = tx.advance(&id, &tenant, step).await?;
+                    query(
+                        "INSERT INTO upload_parts (upload_id, at, bytes, object)
+                         VALUES (?1, ?2, ?3, ?4)",
                     )
                     .bind(id.as_str())
-                    .bind(tenant.as_str())
                     .bind(integer(step.from))
-                    .bind(integer(step.to))
-                    .bind(step.length.map(integer))
-                    .bind(step.complete)
-                    .bind(tx.now)
-                    .bind(step.keep_ms)
-                    .fetch_optional(&mut tx.db)
+                    .bind(integer(step.to - step.from))
+                    .bind(named.key)
+                    .execute(&mut tx.db)
                     .await?;
-                    upload_of(&row.ok_or(Error::Stale)?)
+                    Ok(upload)
                 })
             })
             .await
@@ -101,33 +115,40 @@ impl Acts<'_> {
                     .bind(error)
                     .execute(&mut tx.db)
                     .await?;
-                    if ended.rows_affected() == 1 {
-                        Ok(())
-                    } else {
-                        Err(Error::Stale)
+                    if ended.rows_affected() == 0 {
+                        return Err(Error::Stale);
                     }
+                    tx.bury_parts(&id).await
                 })
             })
-            .await
+            .await?;
+        self.store.bury().await;
+        Ok(())
     }
 
     /// Erases the row of an upload and leaves a tombstone; whether there was one. What came of it
     /// stays.
     pub async fn erase_upload(self, id: &UploadId, reason: Reason) -> Result<bool> {
-        self.store
+        let erased = self
+            .store
             .erase(|| {
                 let (id, caller) = (id.clone(), self.caller.clone());
                 Box::new(move |mut tx| {
                     Box::pin(async move {
-                        let delete = "DELETE FROM uploads WHERE id = ?1 AND tenant = ?2";
-                        let deleted = query(delete)
+                        let select = "SELECT id FROM uploads WHERE id = ?1 AND tenant = ?2";
+                        let found: Option<String> = scalar(select)
                             .bind(id.as_str())
                             .bind(caller.tenant.as_str())
-                            .execute(&mut tx.db)
+                            .fetch_optional(&mut tx.db)
                             .await?;
-                        if deleted.rows_affected() == 0 {
+                        if found.is_none() {
                             return Ok(false);
                         }
+                        tx.bury_parts(&id).await?;
+                        query("DELETE FROM uploads WHERE id = ?1")
+                            .bind(id.as_str())
+                            .execute(&mut tx.db)
+                            .await?;
                         tx.leave_tombstone(&caller.tenant, id.as_str(), reason)
                             .await?;
                         tx.witness(&caller, Act::UploadDelete, id.as_str()).await?;
@@ -135,7 +156,9 @@ impl Acts<'_> {
                     })
                 })
             })
-            .await
+            .await?;
+        self.store.bury().await;
+        Ok(erased)
     }
 }
 
@@ -179,6 +202,66 @@ impl Store {
     pub async fn uploads_with_files(&self) -> Result<Vec<String>> {
         let select = "SELECT id FROM uploads WHERE cloud_id IS NULL AND error IS NULL ORDER BY id";
         scalar(select).fetch_all(self.readers()).await
+    }
+}
+
+impl Store {
+    /// The bytes of an upload that are in the object store, as a temporary file.
+    ///
+    /// # Errors
+    /// `ContentUnavailable` without the object store; `Full` if there is no room; `Inconsistent` if some are
+    /// not there.
+    pub async fn upload_file(&self, id: &UploadId) -> Result<NamedTempFile> {
+        let select = "SELECT object, bytes FROM upload_parts WHERE upload_id = ?1 ORDER BY at";
+        let rows = query(select)
+            .bind(id.as_str())
+            .fetch_all(self.readers())
+            .await?;
+        let mut parts = Vec::with_capacity(rows.len());
+        for row in &rows {
+            let columns = Columns::new("upload_parts", row);
+            parts.push(columns.object()?);
+        }
+        let fetched = self.fetch(&parts).await?;
+        let (file, _) = fetched.ok_or_else(|| Error::Inconsistent {
+            table: "upload_parts",
+            column: "object",
+            detail: format!("bytes of {id} are not there"),
+        })?;
+        Ok(file)
+    }
+}
+
+impl Transaction<'_> {
+    async fn advance(&mut self, id: &UploadId, tenant: &Tenant, step: Step) -> Result<Upload> {
+        let row = query(
+            "UPDATE uploads SET bytes = ?4, length = ?5, complete = ?6, expires_at = ?7 + ?8
+             WHERE id = ?1 AND tenant = ?2 AND bytes = ?3 AND complete = 0 RETURNING *",
+        )
+        .bind(id.as_str())
+        .bind(tenant.as_str())
+        .bind(integer(step.from))
+        .bind(integer(step.to))
+        .bind(step.length.map(integer))
+        .bind(step.complete)
+        .bind(self.now)
+        .bind(step.keep_ms)
+        .fetch_optional(&mut self.db)
+        .await?;
+        upload_of(&row.ok_or(Error::Stale)?)
+    }
+
+    async fn bury_parts(&mut self, id: &UploadId) -> Result<()> {
+        for statement in [
+            "INSERT INTO graves (key) SELECT object FROM upload_parts WHERE upload_id = ?1",
+            "DELETE FROM upload_parts WHERE upload_id = ?1",
+        ] {
+            query(statement)
+                .bind(id.as_str())
+                .execute(&mut self.db)
+                .await?;
+        }
+        Ok(())
     }
 }
 

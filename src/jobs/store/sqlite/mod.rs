@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
         .pragma("secure_delete", "ON")
 }
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 19] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 20] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -121,6 +121,10 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 19] = [
     (
         "cloud_objects",
         include_str!("../../../../migrations/0019_cloud_objects.sql"),
+    ),
+    (
+        "nodes",
+        include_str!("../../../../migrations/0020_nodes.sql"),
     ),
 ];
 
