@@ -1,5 +1,5 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-medical bench-service bench-store soak soak-audit fuzz-medical deny clean
+.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-medical bench-service bench-store bench-cluster soak soak-audit storm fuzz-medical deny clean
 .DEFAULT_GOAL := help
 
 help:
@@ -18,6 +18,8 @@ help:
 	@echo "make bench-medical  label maps of known solids, beside VTK, which it installs under target/"
 	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
 	@echo "make bench-store  what the store writes in a second, on SQLite and on Postgres (one minute)"
+	@echo "make bench-cluster  many processes over one Postgres, and a thousand workers; MINUTES=10"
+	@echo "make storm   nodes, workers, database and object store, killed again and again; KILLS=500"
 	@echo "make soak    jobs under random faults; MINUTES=10"
 	@echo "make soak-audit  the audit trail of a service that is killed again and again; KILLS=500"
 	@echo "make fuzz-medical  120,000 damaged label maps and DICOM files"
@@ -105,6 +107,13 @@ bench-service: build
 
 bench-store: setup
 	FSYNC=on ./scripts/postgres.sh cargo bench --locked --bench store
+
+bench-cluster: setup
+	FSYNC=on MINUTES=$(or $(MINUTES),1) ./scripts/postgres.sh cargo bench --locked --bench cluster
+
+storm: setup web
+	CI=1 MESHWAY_STORM_KILLS=$(KILLS) ./scripts/postgres.sh ./scripts/s3.sh \
+	  cargo test --locked --test service -- --exact --nocapture storm::everything_dies_and_nothing_is_lost
 
 soak: setup
 	@./scripts/soak.sh $(MINUTES)

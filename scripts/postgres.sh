@@ -40,7 +40,7 @@ listen_addresses = '127.0.0.1'
 unix_socket_directories = '$work'
 fsync = ${FSYNC:-off}
 full_page_writes = ${FSYNC:-off}
-max_connections = 300
+max_connections = 500
 SETTINGS
   start="${as[*]} $bin/pg_ctl -D $data -l $data/log -w start"
   $start >/dev/null 2>&1 && break

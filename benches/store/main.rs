@@ -5,18 +5,15 @@
 //! Prints a Markdown table. Takes about a minute.
 #![expect(clippy::unwrap_used, reason = "a benchmark fails by panicking")]
 
-use std::collections::BTreeMap;
+mod made;
+
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use futures_util::future::join_all;
+use made::{cloud, job, new_database, record};
 use meshway::identity::Caller;
-use meshway::jobs::{Claim, CloudId, Keep, NewCloud, NewEvent, NewJob, Options, Record, Store};
-use meshway::reconstruction::Preset;
-use meshway::reconstruction::training::Metrics;
-use serde_json::json;
-use sqlx::postgres::PgConnectOptions;
-use sqlx::{AssertSqlSafe, ConnectOptions};
+use meshway::jobs::{Claim, Options, Store};
 
 /// How long each figure is measured.
 const LONG: Duration = Duration::from_secs(3);
@@ -40,7 +37,7 @@ async fn main() {
     }
     if let Ok(server) = std::env::var("MESHWAY_TEST_DATABASE") {
         for clients in CLIENTS {
-            let database = new_database(&server, clients).await;
+            let database = new_database(&server).await;
             row("Postgres", clients, Some(database)).await;
         }
     }
@@ -95,68 +92,4 @@ async fn rate(clients: usize, work: impl AsyncFn(usize)) -> f64 {
     };
     let done: u64 = join_all((0..clients).map(client)).await.iter().sum();
     done as f64 / begun.elapsed().as_secs_f64()
-}
-
-/// A database that nobody has used.
-async fn new_database(server: &str, clients: usize) -> String {
-    let options: PgConnectOptions = server.parse().unwrap();
-    let name = format!("bench_{}_{clients}", std::process::id());
-    let create = AssertSqlSafe(format!("CREATE DATABASE {name}"));
-    let mut db = options.connect().await.unwrap();
-    sqlx::raw_sql(create).execute(&mut db).await.unwrap();
-    options.database(&name).to_url_lossy().to_string()
-}
-
-fn cloud() -> NewCloud {
-    let summary = json!({
-        "format": "xyz", "gzipped": false, "points": 20, "normals": false, "dropped_non_finite": 0,
-        "warnings": [], "bounds": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0]},
-        "labels": {"surface": 20, "interior": 0, "exterior": 0},
-    });
-    NewCloud {
-        sha256: "a".repeat(64),
-        bytes: 12,
-        summary: serde_json::from_value(summary).unwrap(),
-        keep_ms: None,
-    }
-}
-
-fn job(cloud: &CloudId) -> NewJob {
-    NewJob {
-        cloud_id: cloud.clone(),
-        preset: Preset::Fast,
-        settings: Preset::Fast.settings(),
-        labels: BTreeMap::new(),
-        source: None,
-        derived_from: None,
-        priority: 0,
-        cost_seconds: 1.0,
-        keep: Keep::default(),
-    }
-}
-
-/// Progress and a row of the series, as a worker writes them four times a second.
-fn record(evaluation: u64) -> Record {
-    let metrics = Metrics {
-        iteration: evaluation,
-        evaluation,
-        loss: 0.5,
-        validation_loss: Some(0.6),
-        gradient_norm: 1.0,
-        step_length: 1.0,
-        weight_norms: vec![1.0; 4],
-        blocks: None,
-    };
-    let progress = NewEvent::Progress {
-        fraction: 0.5,
-        eta_seconds: Some(10.0),
-    };
-    Record {
-        progress: Some(0.5),
-        evaluations: Some(evaluation),
-        loss: Some(0.5),
-        events: vec![progress],
-        metrics: vec![metrics],
-        ..Record::default()
-    }
 }

@@ -35,3 +35,11 @@ CREATE TABLE upload_parts (
 );
 
 CREATE INDEX tombstones_by_time ON tombstones (deleted_at);
+
+-- The last commit of each process that writes. It asks for it when the answer to one was lost: a number of a
+-- transaction can be given again after the server died.
+CREATE TABLE writers (
+    name    TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    commits BIGINT NOT NULL,
+    at      BIGINT NOT NULL
+) WITH (fillfactor = 50);

@@ -14,7 +14,7 @@ use crate::jobs::{Due, Next, Store, WebhookId};
 /// How long one of several processes has the duty to send, in milliseconds, and after what time it takes it
 /// for longer: a try that takes as long as it may still ends within.
 const DUTY_MS: i64 = 90_000;
-const DUTY_RENEWED: Duration = Duration::from_secs(30);
+const DUTY_RENEWED: Duration = Duration::from_secs(20);
 
 /// Messages that are on their way at the same time, each to another webhook.
 const AT_ONCE: usize = 32;
@@ -99,25 +99,28 @@ impl Sender {
 /// Whether this process sends the messages, where several share them.
 #[derive(Default)]
 struct Duty {
-    /// When it was taken last.
-    taken: Option<Instant>,
+    /// What was heard last, and when it was asked.
+    heard: Option<(bool, Instant)>,
 }
 
 impl Duty {
     async fn is_ours(&mut self, store: &Store) -> bool {
-        if !store.is_shared() || self.taken.is_some_and(|at| at.elapsed() < DUTY_RENEWED) {
+        if !store.is_shared() {
             return true;
         }
-        let asked = Instant::now();
-        match store.take_duty("webhooks", DUTY_MS).await {
-            Ok(ours) => self.taken = ours.then_some(asked),
-            // A message that is sent twice has the same id; one that nobody sends is lost to its receiver.
-            Err(error) => {
-                tracing::warn!(error.message = %error, "nobody may be sending to webhooks");
-                self.taken = None;
-            }
+        if let Some((ours, at)) = self.heard
+            && at.elapsed() < DUTY_RENEWED
+        {
+            return ours;
         }
-        self.taken.is_some()
+        let asked = Instant::now();
+        let ours = store.take_duty("webhooks", DUTY_MS).await;
+        let ours = ours.unwrap_or_else(|error| {
+            tracing::warn!(error.message = %error, "nobody may be sending to webhooks");
+            false
+        });
+        self.heard = Some((ours, asked));
+        ours
     }
 }
 

@@ -4,6 +4,7 @@
 mod architecture;
 mod colors;
 mod command_line;
+mod deploy;
 mod likely_wrong;
 mod openapi;
 mod places;

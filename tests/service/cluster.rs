@@ -7,6 +7,7 @@ use tempfile::TempDir;
 
 use crate::http::support::sphere_xyz;
 use crate::place::Bucket;
+use crate::proxy::Proxy;
 use crate::server::Server;
 use crate::store::bare;
 use crate::wire::{Answer, Connection};
@@ -30,19 +31,45 @@ impl Cluster {
 
     /// Starts a node of this name that answers requests.
     pub(crate) async fn serve(&self, name: &str, flags: &[&str]) -> Node {
+        self.serve_in(name, name, flags).await
+    }
+
+    /// The same with a name for its log.
+    pub(crate) async fn serve_in(&self, name: &str, log: &str, flags: &[&str]) -> Node {
         let serve = ["serve", "--disk-reserve-mib=0", "--disk-reserve-percent=0"];
-        self.start(name, &[&serve, flags].concat()).await
+        self.start(name, log, &[&serve, flags].concat()).await
     }
 
     /// Starts a node of this name that works on jobs.
     pub(crate) async fn worker(&self, name: &str, flags: &[&str]) -> Node {
-        self.start(name, &[&["worker"], flags].concat()).await
+        self.worker_in(name, name, flags).await
     }
 
-    async fn start(&self, name: &str, line: &[&str]) -> Node {
+    /// The same with a name for its log.
+    pub(crate) async fn worker_in(&self, name: &str, log: &str, flags: &[&str]) -> Node {
+        self.start(name, log, &[&["worker"], flags].concat()).await
+    }
+
+    /// The same cluster by other ways to its database and its object store.
+    pub(crate) fn by(&self, database: Option<&Proxy>, objects: Option<&Proxy>) -> Self {
+        let by = |url: &str, proxy: Option<&Proxy>| match proxy {
+            Some(proxy) => proxy.instead_of(url),
+            None => url.to_owned(),
+        };
+        Self {
+            database: by(&self.database, database),
+            bucket: Bucket {
+                url: by(&self.bucket.url, objects),
+                folder: self.bucket.folder.clone(),
+            },
+            dir: tempfile::tempdir().unwrap(),
+        }
+    }
+
+    async fn start(&self, name: &str, log: &str, line: &[&str]) -> Node {
         let (database, objects) = (format!("--database={}", self.database), self.bucket.flag());
         let line = [line, &[&database, &objects]].concat();
-        let log = self.dir.path().join(format!("{name}.log"));
+        let log = self.dir.path().join(format!("{log}.log"));
         let server = Server::spawn(&self.dir.path().join(name), log, &line).await;
         Node {
             name: name.to_owned(),

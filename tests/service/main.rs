@@ -3,6 +3,7 @@
 
 mod clock;
 mod cluster;
+mod cut;
 mod data_folder;
 mod erasure;
 mod erasure_kinds;
@@ -17,12 +18,15 @@ mod objects;
 mod on_postgres;
 mod people;
 mod place;
+mod postgres;
+mod proxy;
 mod receiver;
 mod resumed;
 mod s3;
 mod server;
 mod soak;
 mod store;
+mod storm;
 mod swept;
 mod texts;
 mod trust;

@@ -1,73 +1,16 @@
 //! A service with its rows in Postgres, from upload to mesh, over the death of the database server.
 
-use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 use tokio_util::sync::CancellationToken;
 
 use crate::http::support::sphere_xyz;
+use crate::postgres::Postgres;
 use crate::server::{PATIENCE, Server, job_ended, until};
 use crate::store::bare;
 use crate::wire::Connection;
-
-/// A database server that may be killed.
-struct Postgres {
-    script: Child,
-    url: String,
-    data: PathBuf,
-    start: String,
-}
-
-impl Postgres {
-    fn new() -> Self {
-        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/postgres.sh");
-        let told = "echo $MESHWAY_TEST_DATABASE; echo $MESHWAY_TEST_POSTGRES_DATA; \
-                    echo $MESHWAY_TEST_POSTGRES_START; exec cat";
-        let mut script = Command::new(script)
-            .args(["sh", "-c", told])
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut lines = BufReader::new(script.stdout.take().unwrap()).lines();
-        let mut line = || lines.next().unwrap().unwrap();
-        Self {
-            url: line(),
-            data: line().into(),
-            start: line(),
-            script,
-        }
-    }
-
-    /// The server is killed, and its children end with it.
-    fn kill(&self) {
-        let pid = std::fs::read_to_string(self.data.join("postmaster.pid")).unwrap();
-        let pid = pid.lines().next().unwrap().parse().unwrap();
-        kill_process(Pid::from_raw(pid).unwrap(), Signal::KILL).unwrap();
-    }
-
-    /// It starts again, once what is left of the killed one is gone.
-    async fn revive(&self) {
-        until("the database starts again", PATIENCE, async || {
-            let start = Command::new("sh").args(["-c", &self.start]).output();
-            start.unwrap().status.success().then_some(())
-        })
-        .await;
-    }
-}
-
-impl Drop for Postgres {
-    fn drop(&mut self) {
-        // The script stops the server at the end of its input.
-        drop(self.script.stdin.take());
-        drop(self.script.wait());
-    }
-}
 
 async fn get(address: SocketAddr, path: &str) -> (u16, Value) {
     let mut client = Connection::open(address).await.unwrap();

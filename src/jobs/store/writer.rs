@@ -197,13 +197,14 @@ impl<S: Session> Writing<S> {
             }
             let committed = self.commit(&mut group).await;
             match &committed {
-                Ok(()) => self.changed.send_modify(|commits| *commits += 1),
+                Ok(true) => self.changed.send_modify(|commits| *commits += 1),
+                Ok(false) => {}
                 Err(error) => {
                     tracing::warn!(requests = taken, code = error.code(), %error, "no commit");
                 }
             }
             for request in group.drain(..) {
-                request.answer(committed.clone());
+                request.answer(committed.clone().map(drop));
             }
             if !waiting.is_empty() {
                 tokio::time::sleep(GAP).await;
@@ -214,7 +215,8 @@ impl<S: Session> Writing<S> {
         }
     }
 
-    async fn commit(&mut self, group: &mut [Box<dyn Request<S>>]) -> Result<()> {
+    /// Whether anything was written.
+    async fn commit(&mut self, group: &mut [Box<dyn Request<S>>]) -> Result<bool> {
         let committed = self.transact(group).await;
         if committed.is_err() {
             self.session.roll_back().await;
@@ -222,8 +224,22 @@ impl<S: Session> Writing<S> {
         committed
     }
 
-    async fn transact(&mut self, group: &mut [Box<dyn Request<S>>]) -> Result<()> {
+    async fn transact(&mut self, group: &mut [Box<dyn Request<S>>]) -> Result<bool> {
         self.session.begin(self.options.busy_timeout).await?;
+        if let [request] = group {
+            // One that is alone needs no savepoint: its failure is the transaction's.
+            let transaction = Transaction {
+                now: self.options.now(),
+                db: self.session.db(),
+                options: &self.options,
+            };
+            if request.run(transaction).await {
+                self.session.commit().await?;
+                return Ok(true);
+            }
+            self.session.roll_back().await;
+            return Ok(false);
+        }
         for request in group {
             self.session.run("SAVEPOINT request").await?;
             let transaction = Transaction {
@@ -239,6 +255,7 @@ impl<S: Session> Writing<S> {
             }
             self.session.run("RELEASE request").await?;
         }
-        self.session.commit().await
+        self.session.commit().await?;
+        Ok(true)
     }
 }

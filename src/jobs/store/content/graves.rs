@@ -85,6 +85,8 @@ impl Burial {
             if keys.is_empty() {
                 break;
             }
+            // Rows that came back must find their bytes.
+            self.readers.settle().await?;
             self.objects.remove(&keys).await?;
             self.objects.vacuum().await?;
             let close = self.writer.write(move |mut tx| {

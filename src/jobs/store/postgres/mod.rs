@@ -5,6 +5,11 @@
 //! lock before its first statement and holds it to its commit. So no statement needs another meaning,
 //! and the numbers of events and of the audit trail are in the order of the commits: a reader that has
 //! seen one number has seen all before it.
+//!
+//! The lock is not held while the server's disk works, or one flush after the other would be all that
+//! many processes can write: the commit itself waits for no disk, and then the process waits for the
+//! flush of all that is before it, together with the others. Only then is anybody answered. What a reader
+//! sees may be lost until then, so whoever tells of it or removes bytes for good waits, too: [`FLUSH`].
 
 pub(in crate::jobs::store) mod home;
 pub(in crate::jobs::store) mod notice;
@@ -15,12 +20,14 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
 use sqlx::postgres::{PgConnectOptions, PgConnection, PgPool, PgPoolOptions, PgRow};
-use sqlx::{ConnectOptions, Connection, Row};
+use sqlx::{AssertSqlSafe, ConnectOptions, Connection, Row};
 use tokio::sync::Notify;
 use tokio::time::Instant;
+use uuid::Uuid;
 
 use crate::jobs::store::schema::migrator;
 use crate::jobs::store::sql::in_time;
+use crate::jobs::store::writer::Session as _;
 use crate::jobs::store::{Options, writer};
 use crate::jobs::{Error, Result, clock};
 
@@ -34,10 +41,18 @@ const PREPARED: usize = 400;
 const SETTINGS: &str = "SET statement_timeout = '5s'; SET lock_timeout = '5s';
     SET idle_in_transaction_session_timeout = '5s'";
 
-/// Begins a transaction, waits for those of all other processes, and then asks for the time, and for
-/// what tells later whether it was committed. The number of the lock is ours alone.
-const BEGIN: &str = "BEGIN; SELECT pg_advisory_xact_lock(5715126710434267),
-    CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT), CAST(pg_current_xact_id() AS TEXT)";
+/// Begins a transaction, waits for those of all other processes, and then asks for the time. The number of
+/// the lock is ours alone.
+const BEGIN: &str = "BEGIN; SET LOCAL synchronous_commit = off;
+    SELECT pg_advisory_xact_lock(5715126710434267),
+    CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)";
+
+/// Writes a record of no meaning, and waits until the disk has it: so it has all that was committed before.
+pub(in crate::jobs::store) const FLUSH: &str =
+    "SELECT pg_logical_emit_message(true, 'meshway', '')";
+
+/// How long the row of a process is kept that writes nothing, in milliseconds.
+const WRITER_LASTS_MS: i64 = 24 * 60 * 60 * 1_000;
 
 /// How long it is asked what became of a commit whose answer was lost, and the pause between two tries.
 const UNCERTAIN: Duration = Duration::from_secs(20);
@@ -88,8 +103,9 @@ pub(in crate::jobs::store) struct Session {
     db: PgConnection,
     /// It is of no use any more: the next transaction needs another one.
     lost: bool,
-    /// The name that the server gave the transaction.
-    transaction: String,
+    /// Its row in `writers`, and the number of its last commit.
+    name: String,
+    commits: i64,
     clock: ServerClock,
     committed: Arc<Notify>,
 }
@@ -110,12 +126,17 @@ impl Session {
         migrate(&mut db).await?;
         set_up(&mut db).await?;
         let select = "SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)";
-        clock.set(sqlx::query_scalar(select).fetch_one(&mut db).await?);
+        let now: i64 = sqlx::query_scalar(select).fetch_one(&mut db).await?;
+        clock.set(now);
+        let delete = "DELETE FROM writers WHERE at < $1";
+        let delete = sqlx::query(delete).bind(now - WRITER_LASTS_MS);
+        delete.execute(&mut db).await?;
         Ok(Self {
             connect: connect.clone(),
             db,
             lost: false,
-            transaction: String::new(),
+            name: Uuid::now_v7().to_string(),
+            commits: 0,
             clock,
             committed,
         })
@@ -132,27 +153,42 @@ impl Session {
         Ok(())
     }
 
-    /// Asks on another connection what became of a commit whose answer was lost.
+    /// Asks on another connection what became of the last commit, whose answer was lost.
     async fn was_committed(&mut self) -> Result<()> {
-        let select = "SELECT pg_xact_status(CAST($1 AS xid8))";
         let start = Instant::now();
         while start.elapsed() < UNCERTAIN {
-            let connected = self.connect().await;
-            let transaction = self.transaction.as_str();
             let asked = async {
-                connected?;
-                let status = sqlx::query_scalar(select).bind(transaction);
-                in_time(async { Ok(status.fetch_one(&mut self.db).await?) }).await
+                self.connect().await?;
+                // Where the server has not noticed yet that the connection is gone, this waits for its end.
+                let begun = async { Ok(sqlx::raw_sql(BEGIN).execute(&mut self.db).await?) };
+                in_time(begun).await?;
+                let select = "SELECT commits FROM writers WHERE name = $1";
+                let commits = sqlx::query_scalar(select).bind(&self.name);
+                let commits = async { Ok(commits.fetch_optional(&mut self.db).await?) };
+                let commits: Option<i64> = in_time(commits).await?;
+                self.run("ROLLBACK").await?;
+                self.run(FLUSH).await?;
+                Ok::<_, Error>(commits)
             };
-            let status: Result<Option<String>> = asked.await;
-            match status.as_ref().map(Option::as_deref) {
-                Ok(Some("committed")) => return Ok(()),
-                Ok(Some("aborted") | None) => return Err(Error::Busy),
-                // In progress: the server has not noticed yet that the connection is gone.
-                Ok(Some(_)) | Err(_) => tokio::time::sleep(PAUSE).await,
+            match asked.await {
+                Ok(commits) if commits == Some(self.commits) => return Ok(()),
+                Ok(_) => return Err(Error::Busy),
+                Err(_) => tokio::time::sleep(PAUSE).await,
             }
         }
         Err(Error::Busy)
+    }
+
+    async fn commit_and_flush(&mut self) -> Result<()> {
+        let (name, commits, now) = (&self.name, self.commits, self.clock.now());
+        let commit = format!(
+            "INSERT INTO writers (name, commits, at) VALUES ('{name}', {commits}, {now})
+             ON CONFLICT (name) DO UPDATE SET commits = excluded.commits, at = excluded.at; COMMIT"
+        );
+        // A name that is made here, and numbers.
+        let commit = sqlx::raw_sql(AssertSqlSafe(commit));
+        in_time(async { Ok(commit.execute(&mut self.db).await?) }).await?;
+        self.run(FLUSH).await
     }
 }
 
@@ -171,7 +207,6 @@ impl writer::Session for Session {
         let begun = async { Ok(sqlx::raw_sql(BEGIN).fetch_one(&mut self.db).await?) };
         let row: PgRow = in_time(begun).await?;
         self.clock.set(row.try_get(1)?);
-        self.transaction = row.try_get(2)?;
         Ok(())
     }
 
@@ -184,7 +219,8 @@ impl writer::Session for Session {
     }
 
     async fn commit(&mut self) -> Result<()> {
-        match self.run("COMMIT").await {
+        self.commits += 1;
+        match self.commit_and_flush().await {
             // The connection, or the patience, was lost: it may be committed all the same.
             Err(Error::Busy) => self.was_committed().await?,
             committed => committed?,

@@ -2,7 +2,7 @@
 
 use super::row::{Columns, to_json};
 use crate::jobs::store::Transaction;
-use crate::jobs::store::sql::{Row, query, scalar};
+use crate::jobs::store::sql::{Readers, Row, query, scalar};
 use crate::jobs::store::{Records, Store};
 use crate::jobs::{BatchId, Event, EventKind, JobId, NewEvent, Result};
 
@@ -11,30 +11,26 @@ impl Records<'_> {
     pub async fn events_after(self, id: &JobId, after: i64, limit: u32) -> Result<Vec<Event>> {
         let select = "SELECT * FROM events WHERE job_id = ?1 AND tenant = ?2 AND id > ?3
                       ORDER BY id LIMIT ?4";
-        query(select)
+        let rows = query(select)
             .bind(id.as_str())
             .bind(self.tenant.as_str())
             .bind(after)
             .bind(limit)
             .fetch_all(self.readers())
-            .await?
-            .iter()
-            .map(event_of)
-            .collect()
+            .await?;
+        settled(self.readers(), &rows).await
     }
 
     /// Events of all jobs of the tenant after the given place, oldest first.
     pub async fn all_events_after(self, seq: i64, limit: u32) -> Result<Vec<Event>> {
         let select = "SELECT * FROM events WHERE tenant = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
-        query(select)
+        let rows = query(select)
             .bind(self.tenant.as_str())
             .bind(seq)
             .bind(limit)
             .fetch_all(self.readers())
-            .await?
-            .iter()
-            .map(event_of)
-            .collect()
+            .await?;
+        settled(self.readers(), &rows).await
     }
 
     /// Events of all jobs of a batch after the given place, oldest first.
@@ -48,16 +44,14 @@ impl Records<'_> {
         let select = "SELECT * FROM events WHERE tenant = ?1 AND seq > ?2
                       AND job_id || '' IN (SELECT id FROM jobs WHERE batch_id = ?3)
                       ORDER BY seq LIMIT ?4";
-        query(select)
+        let rows = query(select)
             .bind(self.tenant.as_str())
             .bind(seq)
             .bind(id.as_str())
             .bind(limit)
             .fetch_all(self.readers())
-            .await?
-            .iter()
-            .map(event_of)
-            .collect()
+            .await?;
+        settled(self.readers(), &rows).await
     }
 
     /// Place of the tenant's newest event that is here; 0 when there is none.
@@ -74,14 +68,12 @@ impl Store {
     /// Events of all jobs of all tenants after the given place, oldest first: for the one reader that
     /// hands them on to those whom they concern.
     pub async fn events_of_all(&self, seq: i64, limit: u32) -> Result<Vec<Event>> {
-        query("SELECT * FROM events WHERE seq > ?1 ORDER BY seq LIMIT ?2")
+        let rows = query("SELECT * FROM events WHERE seq > ?1 ORDER BY seq LIMIT ?2")
             .bind(seq)
             .bind(limit)
             .fetch_all(self.readers())
-            .await?
-            .iter()
-            .map(event_of)
-            .collect()
+            .await?;
+        settled(self.readers(), &rows).await
     }
 
     /// Place of the newest event of all; 0 when there is none.
@@ -122,6 +114,14 @@ impl Transaction<'_> {
         .await?;
         self.tell_webhooks(tenant, id, event).await
     }
+}
+
+/// Events that stay: a client that has seen one does not see its number again.
+async fn settled(readers: &Readers, rows: &[Row]) -> Result<Vec<Event>> {
+    if !rows.is_empty() {
+        readers.settle().await?;
+    }
+    rows.iter().map(event_of).collect()
 }
 
 fn event_of(row: &Row) -> Result<Event> {

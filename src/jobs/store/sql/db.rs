@@ -7,6 +7,7 @@ use sqlx::postgres::{PgConnection, PgPool, Postgres};
 use sqlx::sqlite::{Sqlite, SqliteConnection, SqlitePool};
 use sqlx::{SqlSafeStr, Transaction};
 
+use crate::jobs::store::postgres::FLUSH;
 use crate::jobs::{Error, Result};
 
 /// How long a server may be silent. It ends a statement itself earlier than that.
@@ -58,6 +59,18 @@ impl Readers {
                 Snapshot::Postgres(pool.begin_with(SNAPSHOT.into_sql_str()).await?)
             }
         })
+    }
+
+    /// Waits until the server's disk has all that was read. `SQLite` shows nothing before.
+    pub(in crate::jobs::store) async fn settle(&self) -> Result<()> {
+        let Self::Postgres(pool) = self else {
+            return Ok(());
+        };
+        in_time(async {
+            sqlx::raw_sql(FLUSH).execute(pool).await?;
+            Ok(())
+        })
+        .await
     }
 
     /// Closes all connections; later statements get `Closed`.
