@@ -355,7 +355,6 @@ async fn judge(node: &Node, jobs: &[String], seen: &BTreeMap<String, Vec<i64>>) 
 
 /// All is erased, and with it all objects; no job is there that nobody asked for.
 async fn erase(cluster: &Cluster, jobs: usize) {
-    drop(parties);
     let options = Options {
         database: Some(cluster.database.clone()),
         objects: Some(cluster.bucket.url()),
