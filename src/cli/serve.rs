@@ -148,6 +148,10 @@ async fn serve(arguments: &Arguments, substitute: Option<&Substitute>) -> Result
     if let Some(file) = &arguments.file {
         upkeep::reload_keys(file.clone(), config.keys.clone(), store.clone())?;
     }
+    tokio::spawn(upkeep::keep_histories(
+        store.clone(),
+        config.pack_after_hours,
+    ));
     tokio::spawn(upkeep::keep_audit(store.clone(), config.clone()));
     tokio::spawn(http::keep_sweeping(AppState::clone(&app)));
     tokio::spawn(http::follow(AppState::clone(&app)));

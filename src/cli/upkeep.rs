@@ -9,11 +9,19 @@ use tokio::signal::unix::{SignalKind, signal};
 use super::Failure;
 use crate::config::Config;
 use crate::identity::Keyring;
-use crate::jobs::Store;
+use crate::jobs::{Error, Store};
 
 /// How often the head of the audit trail is logged, and what is old is removed.
 const DAILY: Duration = Duration::from_hours(24);
 
+/// Time between two looks whether jobs are to be packed, and between two jobs; and how many are packed before
+/// it is told, by whom it is for so long.
+const PACKED: Duration = Duration::from_mins(5);
+const BETWEEN: Duration = Duration::from_millis(10);
+const PACKED_AT_ONCE: u32 = 500;
+const DUTY_MS: i64 = 10 * 60 * 1_000;
+
+const HOUR_MS: i64 = 60 * 60 * 1_000;
 const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
 
 /// Logs what an operator will hardly have meant in the file of keys.
@@ -62,6 +70,43 @@ pub(super) async fn collect_garbage(store: Store) {
         }
         tokio::time::sleep(DAILY).await;
     }
+}
+
+/// Packs what jobs told that ended so many hours ago, again and again. Never ends. Of several services one
+/// does it for all.
+pub(super) async fn keep_histories(store: Store, hours: u32) {
+    if hours == 0 {
+        return;
+    }
+    loop {
+        let ours =
+            !store.is_shared() || store.take_duty("histories", DUTY_MS).await.unwrap_or(false);
+        let before = store.now() - i64::from(hours) * HOUR_MS;
+        let packed = if ours {
+            pack(&store, before).await
+        } else {
+            Ok(0)
+        };
+        match packed {
+            Ok(0) => tokio::time::sleep(PACKED).await,
+            Ok(jobs) => tracing::info!(jobs, "events and series of old jobs are packed"),
+            Err(error) => {
+                tracing::warn!(error.message = %error, "events and series of old jobs stay rows");
+                tokio::time::sleep(PACKED).await;
+            }
+        }
+    }
+}
+
+/// Packs some jobs; how many.
+async fn pack(store: &Store, before: i64) -> Result<usize, Error> {
+    let jobs = store.jobs_to_archive(before, PACKED_AT_ONCE).await?;
+    for (job, tenant) in &jobs {
+        store.archive(job, tenant).await?;
+        // Requests go first.
+        tokio::time::sleep(BETWEEN).await;
+    }
+    Ok(jobs.len())
 }
 
 /// Logs the head of the audit trail now and daily: a copy of the log shows later whether rows were cut

@@ -184,6 +184,11 @@ pub struct Config {
     #[arg(long, env = "MESHWAY_WEBHOOK_CA")]
     pub webhook_ca: Option<PathBuf>,
 
+    /// Hours after the end of a job after which what it told (events, series) is packed: it takes a tenth of
+    /// the space then, and is shown as before; 0: never.
+    #[arg(long, env = "MESHWAY_PACK_AFTER_HOURS", default_value_t = 24)]
+    pub pack_after_hours: u32,
+
     /// Days that rows of the audit trail are kept: six years, as HIPAA asks of such records.
     #[arg(long, env = "MESHWAY_AUDIT_KEEP_DAYS", default_value_t = 2_192,
           value_parser = clap::value_parser!(u32).range(1..=36_500))]

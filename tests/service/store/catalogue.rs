@@ -328,7 +328,8 @@ async fn nothing_stays_of_an_erased_job_but_its_tombstone() {
             "_sqlx_migrations" => continue,
             // Of idempotency the key, so that a repeated request makes no second job; of the tenant, not of
             // the job: where it stands in the queue, and how long was worked for it.
-            "clouds" | "idempotency" | "turns" | "now_served" | "compute" => 1,
+            // And of each process its last commit.
+            "clouds" | "writers" | "idempotency" | "turns" | "now_served" | "compute" => 1,
             // Of the database its id; on a server the name of its folder, too.
             "meta" => match ENGINE {
                 Engine::Sqlite => 1,

@@ -24,6 +24,8 @@ macro_rules! suite {
             mod catalogue;
             #[path = "../content.rs"]
             mod content;
+            #[path = "../history.rs"]
+            mod history;
             #[path = "../life.rs"]
             mod life;
             #[path = "../machine.rs"]

@@ -929,7 +929,7 @@ export interface paths {
         put?: never;
         /**
          * Have a browser keep the key of this request, or sign in with a name and a password.
-         * @description The key is kept for twelve hours in a cookie that scripts cannot read and that other sites cannot use. A request without `Authorization` is then asked for with it. Does nothing where there are no keys. With `Authorization: Basic` the cookie holds a session, which ends after half an hour without a request, after twelve hours in any case, and with a restart of the service. Ten wrong passwords of an address in a minute, or thirty for a name in five minutes, are answered with 429.
+         * @description The key is kept for twelve hours in a cookie that scripts cannot read and that other sites cannot use. A request without `Authorization` is then asked for with it. Does nothing where there are no keys. With `Authorization: Basic` the cookie holds a session, which ends after half an hour without a request and after twelve hours in any case. Ten wrong passwords of an address in a minute, or thirty for a name in five minutes, are answered with 429.
          */
         post: operations["signIn"];
         /** Have a browser forget its key, and end its session. */

@@ -254,6 +254,7 @@ pub(super) async fn is_named<'e>(db: impl Into<On<'e>>, key: &str) -> Result<boo
                       OR EXISTS (SELECT 1 FROM models WHERE object = ?1)
                       OR EXISTS (SELECT 1 FROM checkpoints WHERE object = ?1)
                       OR EXISTS (SELECT 1 FROM clouds WHERE object = ?1)
-                      OR EXISTS (SELECT 1 FROM upload_parts WHERE object = ?1)";
+                      OR EXISTS (SELECT 1 FROM upload_parts WHERE object = ?1)
+                      OR EXISTS (SELECT 1 FROM histories WHERE object = ?1)";
     scalar(select).bind(key).fetch_one(db).await
 }

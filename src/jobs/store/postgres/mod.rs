@@ -26,7 +26,7 @@ use tokio::time::Instant;
 use uuid::Uuid;
 
 use crate::jobs::store::schema::migrator;
-use crate::jobs::store::sql::in_time;
+use crate::jobs::store::sql::{FLUSH, in_time};
 use crate::jobs::store::writer::Session as _;
 use crate::jobs::store::{Options, writer};
 use crate::jobs::{Error, Result, clock};
@@ -47,10 +47,6 @@ const BEGIN: &str = "BEGIN; SET LOCAL synchronous_commit = off;
     SELECT pg_advisory_xact_lock(5715126710434267),
     CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)";
 
-/// Writes a record of no meaning, and waits until the disk has it: so it has all that was committed before.
-pub(in crate::jobs::store) const FLUSH: &str =
-    "SELECT pg_logical_emit_message(true, 'meshway', '')";
-
 /// How long the row of a process is kept that writes nothing, in milliseconds.
 const WRITER_LASTS_MS: i64 = 24 * 60 * 60 * 1_000;
 
@@ -58,7 +54,7 @@ const WRITER_LASTS_MS: i64 = 24 * 60 * 60 * 1_000;
 const UNCERTAIN: Duration = Duration::from_secs(20);
 const PAUSE: Duration = Duration::from_millis(250);
 
-const MIGRATIONS: [(&str, &str); 2] = [
+const MIGRATIONS: [(&str, &str); 3] = [
     (
         "init",
         include_str!("../../../../migrations/postgres/0001_init.sql"),
@@ -66,6 +62,10 @@ const MIGRATIONS: [(&str, &str); 2] = [
     (
         "nodes",
         include_str!("../../../../migrations/postgres/0002_nodes.sql"),
+    ),
+    (
+        "histories",
+        include_str!("../../../../migrations/postgres/0003_histories.sql"),
     ),
 ];
 

@@ -112,11 +112,12 @@ impl Records<'_> {
     /// Which events the jobs of a batch have, in the order of the jobs; none if it is not here.
     pub async fn batch_tracks(self, id: &BatchId) -> Result<Vec<Track>> {
         // Ids of events start at 1 and have no gap.
-        let select = "SELECT jobs.id, first.seq AS first, last.seq AS last,
-                          finished_at IS NOT NULL AS ended
+        let select = "SELECT jobs.id, COALESCE(first.seq, first_seq) AS first,
+                          COALESCE(last.seq, last_seq) AS last, finished_at IS NOT NULL AS ended
                       FROM jobs
-                      JOIN events AS first ON first.job_id = jobs.id AND first.id = 1
-                      JOIN events AS last ON last.job_id = jobs.id AND last.id = jobs.events
+                      LEFT JOIN events AS first ON first.job_id = jobs.id AND first.id = 1
+                      LEFT JOIN events AS last ON last.job_id = jobs.id AND last.id = jobs.events
+                      LEFT JOIN histories ON histories.job_id = jobs.id
                       WHERE batch_id = ?1 AND jobs.tenant = ?2 ORDER BY jobs.id";
         let rows = query(select)
             .bind(id.as_str())

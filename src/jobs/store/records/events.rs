@@ -18,7 +18,18 @@ impl Records<'_> {
             .bind(limit)
             .fetch_all(self.readers())
             .await?;
-        settled(self.readers(), &rows).await
+        let events = settled(self.readers(), &rows).await?;
+        // Ids have no gap: where the next one is not here, the job may be archived.
+        if events.first().is_some_and(|event| event.id == after + 1) {
+            return Ok(events);
+        }
+        let mut archived = self.archived_events(id, after).await?;
+        archived.truncate(limit as usize);
+        Ok(if archived.is_empty() {
+            events
+        } else {
+            archived
+        })
     }
 
     /// Events of all jobs of the tenant after the given place, oldest first.
@@ -30,7 +41,12 @@ impl Records<'_> {
             .bind(limit)
             .fetch_all(self.readers())
             .await?;
-        settled(self.readers(), &rows).await
+        let events = settled(self.readers(), &rows).await?;
+        let histories = "SELECT * FROM histories
+                         WHERE tenant = ?1 AND last_seq > ?2 AND ?3 = ''
+                         ORDER BY first_seq LIMIT ?4";
+        let archived = self.with_archived(events, (histories, ""), (seq, limit));
+        archived.await
     }
 
     /// Events of all jobs of a batch after the given place, oldest first.
@@ -51,12 +67,20 @@ impl Records<'_> {
             .bind(limit)
             .fetch_all(self.readers())
             .await?;
-        settled(self.readers(), &rows).await
+        let events = settled(self.readers(), &rows).await?;
+        let histories = "SELECT histories.* FROM histories JOIN jobs ON jobs.id = job_id
+                         WHERE histories.tenant = ?1 AND last_seq > ?2 AND batch_id = ?3
+                         ORDER BY first_seq LIMIT ?4";
+        let archived = self.with_archived(events, (histories, id.as_str()), (seq, limit));
+        archived.await
     }
 
     /// Place of the tenant's newest event that is here; 0 when there is none.
     pub async fn last_seq(self) -> Result<i64> {
-        let select = "SELECT COALESCE(MAX(seq), 0) FROM events WHERE tenant = ?1";
+        // The larger of two maxima, of which one may be NULL.
+        let select = "SELECT COALESCE(MAX(seq), 0) FROM (
+                          SELECT MAX(seq) AS seq FROM events WHERE tenant = ?1
+                          UNION ALL SELECT MAX(last_seq) FROM histories WHERE tenant = ?1) AS both";
         scalar(select)
             .bind(self.tenant.as_str())
             .fetch_one(self.readers())
@@ -78,9 +102,10 @@ impl Store {
 
     /// Place of the newest event of all; 0 when there is none.
     pub async fn last_seq_of_all(&self) -> Result<i64> {
-        scalar("SELECT COALESCE(MAX(seq), 0) FROM events")
-            .fetch_one(self.readers())
-            .await
+        let select = "SELECT COALESCE(MAX(seq), 0) FROM (
+                          SELECT MAX(seq) AS seq FROM events
+                          UNION ALL SELECT MAX(last_seq) FROM histories) AS both";
+        scalar(select).fetch_one(self.readers()).await
     }
 }
 
@@ -124,7 +149,7 @@ async fn settled(readers: &Readers, rows: &[Row]) -> Result<Vec<Event>> {
     rows.iter().map(event_of).collect()
 }
 
-fn event_of(row: &Row) -> Result<Event> {
+pub(super) fn event_of(row: &Row) -> Result<Event> {
     let columns = Columns::new("events", row);
     Ok(Event {
         seq: columns.get("seq")?,

@@ -117,7 +117,7 @@ impl Records<'_> {
 
     /// Number of the tenant's jobs in each state.
     pub async fn counts(self) -> Result<Counts> {
-        let select = "SELECT status, COUNT(*) AS jobs FROM jobs WHERE tenant = ?1 GROUP BY status";
+        let select = "SELECT status, jobs FROM totals WHERE tenant = ?1";
         let rows = query(select).bind(self.tenant.as_str());
         counts_of(&rows.fetch_all(self.readers()).await?)
     }
@@ -126,7 +126,8 @@ impl Records<'_> {
 impl Store {
     /// Number of the jobs of all tenants in each state.
     pub async fn counts(&self) -> Result<Counts> {
-        let rows = query("SELECT status, COUNT(*) AS jobs FROM jobs GROUP BY status");
+        let rows =
+            query("SELECT status, CAST(SUM(jobs) AS BIGINT) AS jobs FROM totals GROUP BY status");
         counts_of(&rows.fetch_all(self.readers()).await?)
     }
 

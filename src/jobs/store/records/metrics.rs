@@ -15,7 +15,7 @@ impl Records<'_> {
         after_evaluation: u64,
         limit: u32,
     ) -> Result<Vec<Metrics>> {
-        query(of_tenant!(
+        let rows = query(of_tenant!(
             "SELECT * FROM metrics WHERE job_id = ?1 AND evaluation > ?3",
             "ORDER BY evaluation LIMIT ?4"
         ))
@@ -24,31 +24,32 @@ impl Records<'_> {
         .bind(integer(after_evaluation))
         .bind(limit)
         .fetch_all(self.readers())
-        .await?
-        .iter()
-        .map(metrics_of)
-        .collect()
+        .await?;
+        if rows.is_empty() {
+            let history = self.history(id).await?;
+            let mut metrics = history.map_or_else(Vec::new, |history| history.metrics);
+            metrics.retain(|metrics| metrics.evaluation > after_evaluation);
+            metrics.truncate(limit as usize);
+            return Ok(metrics);
+        }
+        rows.iter().map(metrics_of).collect()
     }
 
     /// All gradient histograms of a job, in the order of their evaluations.
     pub async fn gradients(self, id: &JobId) -> Result<Vec<GradientHistogram>> {
-        query(of_tenant!(
+        let rows = query(of_tenant!(
             "SELECT * FROM gradients WHERE job_id = ?1",
             "ORDER BY evaluation"
         ))
         .bind(id.as_str())
         .bind(self.tenant.as_str())
         .fetch_all(self.readers())
-        .await?
-        .iter()
-        .map(|row| {
-            let columns = Columns::new("gradients", row);
-            Ok(GradientHistogram {
-                evaluation: columns.count("evaluation")?,
-                layers: columns.json("data")?,
-            })
-        })
-        .collect()
+        .await?;
+        if rows.is_empty() {
+            let history = self.history(id).await?;
+            return Ok(history.map_or_else(Vec::new, |history| history.gradients));
+        }
+        rows.iter().map(histogram_of).collect()
     }
 }
 
@@ -120,7 +121,15 @@ impl Transaction<'_> {
     }
 }
 
-fn metrics_of(row: &Row) -> Result<Metrics> {
+pub(super) fn histogram_of(row: &Row) -> Result<GradientHistogram> {
+    let columns = Columns::new("gradients", row);
+    Ok(GradientHistogram {
+        evaluation: columns.count("evaluation")?,
+        layers: columns.json("data")?,
+    })
+}
+
+pub(super) fn metrics_of(row: &Row) -> Result<Metrics> {
     let columns = Columns::new("metrics", row);
     let weight_norms: &[u8] = columns.get("weight_norms")?;
     let (norms, rest) = weight_norms.as_chunks::<8>();

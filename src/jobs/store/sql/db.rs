@@ -7,11 +7,15 @@ use sqlx::postgres::{PgConnection, PgPool, Postgres};
 use sqlx::sqlite::{Sqlite, SqliteConnection, SqlitePool};
 use sqlx::{SqlSafeStr, Transaction};
 
-use crate::jobs::store::postgres::FLUSH;
 use crate::jobs::{Error, Result};
 
 /// How long a server may be silent. It ends a statement itself earlier than that.
 const SILENCE: Duration = Duration::from_secs(8);
+
+/// Writes a record of no meaning, and waits until the server's disk has it: so it has all that was committed
+/// before.
+pub(in crate::jobs::store) const FLUSH: &str =
+    "SELECT pg_logical_emit_message(true, 'meshway', '')";
 
 /// Waits for a server, but not for one that is gone.
 ///

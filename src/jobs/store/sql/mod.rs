@@ -15,7 +15,7 @@ use sqlx::postgres::PgArguments;
 use sqlx::sqlite::SqliteArguments;
 use sqlx::{Arguments, Database, Executor, IntoArguments, SqlStr};
 
-pub(in crate::jobs::store) use db::{Db, On, Readers, in_time};
+pub(in crate::jobs::store) use db::{Db, FLUSH, On, Readers, in_time};
 pub(in crate::jobs::store) use row::{Column, Row};
 pub(in crate::jobs::store) use text::{Text, either};
 pub(in crate::jobs::store) use value::Value;

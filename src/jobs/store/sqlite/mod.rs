@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
         .pragma("secure_delete", "ON")
 }
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 20] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 21] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -125,6 +125,10 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 20] = [
     (
         "nodes",
         include_str!("../../../../migrations/0020_nodes.sql"),
+    ),
+    (
+        "histories",
+        include_str!("../../../../migrations/0021_histories.sql"),
     ),
 ];
 
