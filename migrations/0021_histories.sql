@@ -38,3 +38,16 @@ CREATE TRIGGER job_counts_no_more AFTER DELETE ON jobs BEGIN
     UPDATE totals SET jobs = jobs - 1 WHERE tenant = OLD.tenant AND status = OLD.status;
     DELETE FROM totals WHERE tenant = OLD.tenant AND status = OLD.status AND jobs = 0;
 END;
+
+-- Labels of jobs, to find the few that carry one among many.
+CREATE TABLE job_labels (
+    tenant TEXT NOT NULL,
+    key    TEXT NOT NULL,
+    value  TEXT NOT NULL,
+    job_id TEXT NOT NULL REFERENCES jobs (id),
+    PRIMARY KEY (tenant, key, value, job_id)
+) STRICT, WITHOUT ROWID;
+CREATE INDEX job_labels_by_job ON job_labels (job_id);
+INSERT INTO job_labels SELECT jobs.tenant, json_each.key, json_each.value, jobs.id FROM jobs, json_each(jobs.labels);
+
+CREATE INDEX jobs_by_state ON jobs (tenant, status, id);

@@ -37,3 +37,16 @@ BEGIN
 END $$;
 CREATE TRIGGER jobs_count AFTER INSERT OR UPDATE OF status, tenant OR DELETE ON jobs
     FOR EACH ROW EXECUTE FUNCTION job_counts();
+
+CREATE TABLE job_labels (
+    tenant TEXT COLLATE "C" NOT NULL,
+    key    TEXT COLLATE "C" NOT NULL,
+    value  TEXT COLLATE "C" NOT NULL,
+    job_id TEXT COLLATE "C" NOT NULL REFERENCES jobs (id),
+    PRIMARY KEY (tenant, key, value, job_id)
+);
+CREATE INDEX job_labels_by_job ON job_labels (job_id);
+INSERT INTO job_labels SELECT jobs.tenant, label.key, label.value, jobs.id
+    FROM jobs, json_each(jobs.labels) AS label;
+
+CREATE INDEX jobs_by_state ON jobs (tenant, status, id);

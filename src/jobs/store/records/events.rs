@@ -80,7 +80,7 @@ impl Records<'_> {
         // The larger of two maxima, of which one may be NULL.
         let select = "SELECT COALESCE(MAX(seq), 0) FROM (
                           SELECT MAX(seq) AS seq FROM events WHERE tenant = ?1
-                          UNION ALL SELECT MAX(last_seq) FROM histories WHERE tenant = ?1) AS both";
+                          UNION ALL SELECT MAX(last_seq) FROM histories WHERE tenant = ?1) AS seqs";
         scalar(select)
             .bind(self.tenant.as_str())
             .fetch_one(self.readers())
@@ -104,7 +104,7 @@ impl Store {
     pub async fn last_seq_of_all(&self) -> Result<i64> {
         let select = "SELECT COALESCE(MAX(seq), 0) FROM (
                           SELECT MAX(seq) AS seq FROM events
-                          UNION ALL SELECT MAX(last_seq) FROM histories) AS both";
+                          UNION ALL SELECT MAX(last_seq) FROM histories) AS seqs";
         scalar(select).fetch_one(self.readers()).await
     }
 }

@@ -16,22 +16,54 @@ use crate::jobs::{
     Status, Verdict,
 };
 
-/// A page of jobs that fulfil a condition and the filters.
+/// A page of jobs by the filters, in the order of `$id`. `$from` is found by an index, whatever else is asked:
+/// a page must not take the longer the more jobs there are.
 macro_rules! list {
-    ($condition:literal) => {
+    ($from:literal, $id:literal) => {
         concat!(
-            "SELECT * FROM jobs WHERE tenant = ?9 AND ",
-            $condition,
-            " AND (?1 IS NULL OR id < ?1)
+            "SELECT jobs.* FROM ",
+            $from,
+            " AND ",
+            $id,
+            " < COALESCE(?1, '~')
               AND (?2 IS NULL OR status = ?2)
               AND (?3 IS NULL OR cloud_id = ?3)
               AND (?4 IS NULL OR created_at > ?4)
+              AND (?8 IS NULL OR json_extract(report, '$.verdict') = ?8)
               AND (?10 IS NULL OR batch_id = ?10)
-              AND (?5 IS NULL OR EXISTS (SELECT 1 FROM json_each(jobs.labels)
-                                         WHERE key || ':' || value = ?5 || ':' || ?6))
-              ORDER BY id DESC LIMIT ?7"
+              AND (?5 IS NULL OR EXISTS (SELECT 1 FROM job_labels AS own
+                                         WHERE own.job_id = jobs.id AND key = ?5 AND value = ?6))
+              ORDER BY ",
+            $id,
+            " DESC LIMIT ?7"
         )
     };
+}
+
+/// How a page is found: by what leaves the fewest.
+fn listed(filter: &JobFilter) -> &'static str {
+    if filter.batch_id.is_some() {
+        list!("jobs WHERE tenant = ?9 AND batch_id = ?10", "id")
+    } else if filter.label.is_some() {
+        list!(
+            "job_labels CROSS JOIN jobs WHERE jobs.id = job_labels.job_id
+             AND job_labels.tenant = ?9 AND job_labels.key = ?5 AND job_labels.value = ?6",
+            "job_labels.job_id"
+        )
+    } else if filter.cloud_id.is_some() {
+        list!("jobs WHERE tenant = ?9 AND cloud_id = ?3", "id")
+    } else if filter.verdict.is_some() {
+        // The expression of the index.
+        list!(
+            "jobs WHERE tenant = ?9 AND report IS NOT NULL
+             AND json_extract(report, '$.verdict') = ?8",
+            "id"
+        )
+    } else if filter.status.is_some() {
+        list!("jobs WHERE tenant = ?9 AND status = ?2", "id")
+    } else {
+        list!("jobs WHERE tenant = ?9", "id")
+    }
 }
 
 impl Acts<'_> {
@@ -90,14 +122,7 @@ impl Records<'_> {
             .as_ref()
             .map(|(k, v)| (k.as_str(), v.as_str()))
             .unzip();
-        let query = match filter.verdict {
-            None => query(list!("?8 IS NULL")),
-            // The expression of the index.
-            Some(_) => query(list!(
-                "report IS NOT NULL AND json_extract(report, '$.verdict') = ?8"
-            )),
-        };
-        query
+        query(listed(filter))
             .bind(before.map(JobId::as_str))
             .bind(filter.status.map(Status::name))
             .bind(filter.cloud_id.as_ref().map(CloudId::as_str))
@@ -221,6 +246,16 @@ impl Transaction<'_> {
         .bind(batch.map(BatchId::as_str))
         .execute(&mut self.db)
         .await?;
+        for (key, value) in &new.labels {
+            let insert = "INSERT INTO job_labels (tenant, key, value, job_id) VALUES (?1, ?2, ?3, ?4)";
+            query(insert)
+                .bind(caller.tenant.as_str())
+                .bind(key)
+                .bind(value)
+                .bind(id.as_str())
+                .execute(&mut self.db)
+                .await?;
+        }
         let queued = NewEvent::Queued {
             position: self.queue_position(&id).await?,
             reason: None,

@@ -272,6 +272,7 @@ impl Transaction<'_> {
             "INSERT INTO graves (key) SELECT object FROM checkpoints WHERE job_id = ?1",
             "INSERT INTO graves (key) SELECT object FROM histories WHERE job_id = ?1",
             "DELETE FROM histories WHERE job_id = ?1",
+            "DELETE FROM job_labels WHERE job_id = ?1",
             "DELETE FROM meshes WHERE job_id = ?1",
             "DELETE FROM models WHERE job_id = ?1",
             "DELETE FROM checkpoints WHERE job_id = ?1",
