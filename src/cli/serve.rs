@@ -112,6 +112,7 @@ async fn open(config: &Config) -> Result<Store, Failure> {
         metrics_limit: config.max_metrics.into(),
         ballast_bytes: BALLAST_BYTES,
         database: secret(config),
+        database_pooled: config.backend.database_pooled,
         objects: config.backend.objects.clone(),
         ..store::Options::default()
     };
@@ -264,6 +265,7 @@ fn orders(arguments: &Arguments, cores: usize, node: &str) -> Orders {
         log_format: config.log_format,
         log: config.log.clone(),
         database: secret(config),
+        database_pooled: config.backend.database_pooled,
         node: node.to_owned(),
     }
 }

@@ -1,6 +1,7 @@
 //! Tests of the service. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod checked;
 mod clock;
 mod data_folder;
 mod erasure;
@@ -25,6 +26,7 @@ mod swept;
 mod texts;
 mod trust;
 mod turns;
+mod upgraded;
 mod webhooks;
 mod who;
 mod wire;

@@ -24,8 +24,10 @@
     reason = "what all methods have in common is said once, above"
 )]
 
+mod check;
 mod content;
 mod engine;
+mod migrate;
 mod names;
 mod open;
 mod options;
@@ -42,6 +44,7 @@ use std::sync::Arc;
 use futures_util::future::BoxFuture;
 use tokio::sync::watch;
 
+pub use check::{Checked, Damage, Finding, Named};
 pub use content::ballast::BALLAST_FILE;
 pub use content::clouds::LocalFile;
 pub use content::embedded::CHUNK_BYTES;
@@ -52,6 +55,7 @@ pub use records::audit::{AuditFault, AuditHead, AuditRow};
 pub use records::checkpoints::Checkpoint;
 pub use records::idempotency::{Idempotency, IdempotencyState, StoredResponse, Subject};
 pub use records::meshes::MeshInfo;
+pub use schema::Schema;
 pub use sqlite::origin::is_ours;
 
 use super::{Error, Result};
@@ -135,7 +139,7 @@ impl Store {
     pub fn terms(&self) -> Terms {
         match self.inner.readers {
             Readers::Sqlite(_) => LOCAL,
-            Readers::Postgres(_) => REMOTE,
+            Readers::Postgres(..) => REMOTE,
         }
     }
 

@@ -25,7 +25,7 @@ pub(in crate::jobs::store) async fn open(
     data_dir: &Path,
     options: &Arc<Options>,
 ) -> Result<Objects> {
-    if let (Db::Postgres(db), false) = (&mut *db, options.rows_only) {
+    if matches!(db, Db::Postgres(..)) && !options.rows_only {
         home::settle(db, data_dir).await?;
     }
     let select = "SELECT value FROM meta WHERE name = 'objects'";

@@ -6,10 +6,10 @@ use std::fs;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
 
-use sqlx::PgConnection;
 use tempfile::NamedTempFile;
 use uuid::Uuid;
 
+use crate::jobs::store::sql::{Db, query, scalar};
 use crate::jobs::{Error, Result};
 
 /// File with the name that the folder has for its database.
@@ -19,16 +19,28 @@ const NAME_FILE: &str = "home";
 ///
 /// # Errors
 /// `Elsewhere` if it has another one; `Full` if the folder cannot be written.
-pub(in crate::jobs::store) async fn settle(db: &mut PgConnection, folder: &Path) -> Result<()> {
+pub(in crate::jobs::store) async fn settle(db: &mut Db<'_>, folder: &Path) -> Result<()> {
     let own = name_of(folder).map_err(|error| Error::Full(error.to_string()))?;
-    let insert = "INSERT INTO meta (name, value) VALUES ('folder', $1) ON CONFLICT DO NOTHING";
-    sqlx::query(insert).bind(&own).execute(&mut *db).await?;
+    let insert = "INSERT INTO meta (name, value) VALUES ('folder', ?1) ON CONFLICT DO NOTHING";
+    query(insert).bind(&own).execute(&mut *db).await?;
     let select = "SELECT value FROM meta WHERE name = 'folder'";
-    let home: String = sqlx::query_scalar(select).fetch_one(db).await?;
+    let home: String = scalar(select).fetch_one(db).await?;
     if home == own {
         Ok(())
     } else {
         Err(Error::Elsewhere)
+    }
+}
+
+/// Finds that a folder is the one of the database, without changing either. `home`: what the database says.
+///
+/// # Errors
+/// `Elsewhere` if it is not.
+pub(in crate::jobs::store) fn find(home: Option<&str>, folder: &Path) -> Result<()> {
+    let own = fs::read_to_string(folder.join(NAME_FILE)).ok();
+    match home {
+        Some(home) if own.as_deref() != Some(home) => Err(Error::Elsewhere),
+        _ => Ok(()),
     }
 }
 

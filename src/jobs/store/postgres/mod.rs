@@ -8,6 +8,7 @@
 
 pub(in crate::jobs::store) mod home;
 pub(in crate::jobs::store) mod notice;
+pub(in crate::jobs::store) mod schema;
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -16,13 +17,13 @@ use std::time::Duration;
 
 use sqlx::postgres::{PgConnectOptions, PgConnection, PgPool, PgPoolOptions, PgRow};
 use sqlx::{ConnectOptions, Connection, Row};
-use tokio::sync::Notify;
+use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
 
-use crate::jobs::store::schema::migrator;
-use crate::jobs::store::sql::in_time;
+use crate::jobs::store::sql::{Db, Protocol, in_time, scalar};
 use crate::jobs::store::{Options, writer};
 use crate::jobs::{Error, Result, clock};
+use notice::Notices;
 
 /// Connections that read: each costs the server more than a megabyte.
 const READERS: u32 = 4;
@@ -34,8 +35,17 @@ const PREPARED: usize = 400;
 const SETTINGS: &str = "SET statement_timeout = '5s'; SET lock_timeout = '5s';
     SET idle_in_transaction_session_timeout = '5s'";
 
+/// The same for one transaction, where the next one may be in another session.
+const POOLED_BEGIN: &str = "BEGIN; SET LOCAL statement_timeout = '5s'; SET LOCAL lock_timeout = '5s';
+    SET LOCAL idle_in_transaction_session_timeout = '5s';
+    SELECT pg_advisory_xact_lock(5715126710434267),
+    CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT), CAST(pg_current_xact_id() AS TEXT)";
+
+/// Waits for the transactions that write of all other processes. The number of the lock is ours alone.
+const LOCK: &str = "SELECT pg_advisory_xact_lock(5715126710434267)";
+
 /// Begins a transaction, waits for those of all other processes, and then asks for the time, and for
-/// what tells later whether it was committed. The number of the lock is ours alone.
+/// what tells later whether it was committed.
 const BEGIN: &str = "BEGIN; SELECT pg_advisory_xact_lock(5715126710434267),
     CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT), CAST(pg_current_xact_id() AS TEXT)";
 
@@ -43,19 +53,74 @@ const BEGIN: &str = "BEGIN; SELECT pg_advisory_xact_lock(5715126710434267),
 const UNCERTAIN: Duration = Duration::from_secs(20);
 const PAUSE: Duration = Duration::from_millis(250);
 
-const MIGRATIONS: [(&str, &str); 1] = [(
-    "init",
-    include_str!("../../../../migrations/postgres/0001_init.sql"),
-)];
+/// How the server is reached.
+#[derive(Clone)]
+pub(in crate::jobs::store) struct Access {
+    connect: PgConnectOptions,
+    /// What is between hands each transaction to a session of its own choice.
+    pooled: bool,
+}
 
-/// How the server is connected to. Passwords may come from the environment, as for other clients.
-///
-/// # Errors
-/// `Database` if it is no address.
-pub(in crate::jobs::store) fn connect_options(url: &str) -> Result<PgConnectOptions> {
-    Ok(PgConnectOptions::from_str(url)?
-        .statement_cache_capacity(PREPARED)
-        .disable_statement_logging())
+impl Access {
+    /// Passwords may come from the environment, as for other clients.
+    ///
+    /// # Errors
+    /// `Database` if it is no address.
+    pub(in crate::jobs::store) fn new(url: &str, pooled: bool) -> Result<Self> {
+        let connect = PgConnectOptions::from_str(url)?.disable_statement_logging();
+        let connect = if pooled {
+            // Poolers refuse what they do not keep apart for their clients.
+            connect.statement_cache_capacity(0).extra_float_digits(None)
+        } else {
+            connect.statement_cache_capacity(PREPARED)
+        };
+        Ok(Self { connect, pooled })
+    }
+
+    /// How statements are told to it.
+    pub(in crate::jobs::store) fn protocol(&self) -> Protocol {
+        if self.pooled {
+            Protocol::Whole
+        } else {
+            Protocol::Prepared
+        }
+    }
+
+    /// A connection without any limits of time.
+    ///
+    /// # Errors
+    /// `Database` where the server cannot be reached, with why.
+    pub(in crate::jobs::store) async fn connect(&self) -> Result<PgConnection> {
+        let connected = self.connect.connect().await;
+        connected.map_err(|error| Error::Database(Arc::new(error)))
+    }
+
+    /// Connections that read. None is made before the first read.
+    pub(in crate::jobs::store) fn readers(&self, options: &Options) -> PgPool {
+        let pool = PgPoolOptions::new()
+            .max_connections(READERS)
+            .acquire_timeout(options.busy_timeout);
+        let pool = if self.pooled {
+            pool
+        } else {
+            pool.after_connect(|db, _| Box::pin(set_up(db)))
+        };
+        pool.connect_lazy_with(self.connect.clone())
+    }
+
+    /// How processes hear of each other: by notices, or by looking.
+    pub(in crate::jobs::store) fn notices(
+        &self,
+        senders: PgPool,
+        committed: Arc<Notify>,
+        changed: &watch::Sender<u64>,
+    ) -> Notices {
+        if self.pooled {
+            Notices::polled(changed)
+        } else {
+            Notices::start(&self.connect, senders, committed, changed)
+        }
+    }
 }
 
 /// The clock of the server, read off that of the machine: their difference is seen with each
@@ -78,7 +143,7 @@ impl ServerClock {
 
 /// The connection that writes.
 pub(in crate::jobs::store) struct Session {
-    connect: PgConnectOptions,
+    access: Access,
     db: PgConnection,
     /// It is of no use any more: the next transaction needs another one.
     lost: bool,
@@ -95,18 +160,18 @@ impl Session {
     /// `Database` where the server cannot be reached, with why; `Migration` if the schema is of a later
     /// version.
     pub(in crate::jobs::store) async fn open(
-        connect: &PgConnectOptions,
+        access: &Access,
         clock: ServerClock,
         committed: Arc<Notify>,
     ) -> Result<Self> {
-        let unreachable = |error| Error::Database(Arc::new(error));
-        let mut db = connect.connect().await.map_err(unreachable)?;
-        migrate(&mut db).await?;
-        set_up(&mut db).await?;
+        let mut db = access.connect().await?;
+        schema::migrate(&mut db).await?;
+        access.set_up(&mut db).await?;
         let select = "SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)";
-        clock.set(sqlx::query_scalar(select).fetch_one(&mut db).await?);
+        let row = sqlx::raw_sql(select).fetch_one(&mut db).await?;
+        clock.set(row.try_get(0)?);
         Ok(Self {
-            connect: connect.clone(),
+            access: access.clone(),
             db,
             lost: false,
             transaction: String::new(),
@@ -115,10 +180,15 @@ impl Session {
         })
     }
 
+    /// What statements run on.
+    pub(in crate::jobs::store) fn rows(&mut self) -> Db<'_> {
+        Db::Postgres(&mut self.db, self.access.protocol())
+    }
+
     async fn connect(&mut self) -> Result<()> {
         let connected = async {
-            let mut db = self.connect.connect().await?;
-            set_up(&mut db).await?;
+            let mut db = self.access.connect.connect().await?;
+            self.access.set_up(&mut db).await?;
             Ok(db)
         };
         self.db = in_time(connected).await?;
@@ -128,15 +198,15 @@ impl Session {
 
     /// Asks on another connection what became of a commit whose answer was lost.
     async fn was_committed(&mut self) -> Result<()> {
-        let select = "SELECT pg_xact_status(CAST($1 AS xid8))";
+        let select = "SELECT pg_xact_status(CAST(CAST(?1 AS TEXT) AS xid8))";
         let start = Instant::now();
         while start.elapsed() < UNCERTAIN {
             let connected = self.connect().await;
-            let transaction = self.transaction.as_str();
+            let transaction = self.transaction.clone();
             let asked = async {
                 connected?;
-                let status = sqlx::query_scalar(select).bind(transaction);
-                in_time(async { Ok(status.fetch_one(&mut self.db).await?) }).await
+                let status = scalar(select).bind(transaction);
+                status.fetch_one(&mut self.rows()).await
             };
             let status: Result<Option<String>> = asked.await;
             match status.as_ref().map(Option::as_deref) {
@@ -162,7 +232,12 @@ impl writer::Session for Session {
         if self.lost {
             self.connect().await?;
         }
-        let begun = async { Ok(sqlx::raw_sql(BEGIN).fetch_one(&mut self.db).await?) };
+        let begin = if self.access.pooled {
+            POOLED_BEGIN
+        } else {
+            BEGIN
+        };
+        let begun = async { Ok(sqlx::raw_sql(begin).fetch_one(&mut self.db).await?) };
         let row: PgRow = in_time(begun).await?;
         self.clock.set(row.try_get(1)?);
         self.transaction = row.try_get(2)?;
@@ -196,23 +271,18 @@ impl writer::Session for Session {
     }
 }
 
-/// Connections that read. None is made before the first read.
-pub(in crate::jobs::store) fn readers(connect: &PgConnectOptions, options: &Options) -> PgPool {
-    PgPoolOptions::new()
-        .max_connections(READERS)
-        .acquire_timeout(options.busy_timeout)
-        .after_connect(|db, _| Box::pin(set_up(db)))
-        .connect_lazy_with(connect.clone())
+impl Access {
+    async fn set_up(&self, db: &mut PgConnection) -> sqlx::Result<()> {
+        if self.pooled {
+            Ok(())
+        } else {
+            set_up(db).await
+        }
+    }
 }
 
 /// Not told when connecting: poolers between here and the server refuse it there.
 async fn set_up(db: &mut PgConnection) -> sqlx::Result<()> {
     sqlx::raw_sql(SETTINGS).execute(db).await?;
     Ok(())
-}
-
-/// Brings the schema up to date, under a lock: processes that start together wait for the first.
-async fn migrate(db: &mut PgConnection) -> Result<()> {
-    let migrator = migrator(&MIGRATIONS, false);
-    Ok(migrator.run_direct(None, db, false).await?)
 }

@@ -11,11 +11,11 @@ mod row;
 mod text;
 mod value;
 
-use sqlx::postgres::PgArguments;
+use sqlx::postgres::{PgArguments, Postgres};
 use sqlx::sqlite::SqliteArguments;
 use sqlx::{Arguments, Database, Executor, IntoArguments, SqlStr};
 
-pub(in crate::jobs::store) use db::{Db, On, Readers, in_time};
+pub(in crate::jobs::store) use db::{Db, On, Protocol, Readers, in_time};
 pub(in crate::jobs::store) use row::{Column, Row};
 pub(in crate::jobs::store) use text::{Text, either};
 pub(in crate::jobs::store) use value::Value;
@@ -62,16 +62,20 @@ impl<'q> Query<'q> {
     }
 
     pub(in crate::jobs::store) async fn execute<'e>(self, on: impl Into<On<'e>>) -> Result<Done> {
+        use Protocol::{Prepared, Whole};
         let rows = match on.into() {
             On::Sqlite(db) => execute(self.sqlite()?, db).await?.rows_affected(),
             On::SqlitePool(pool) => execute(self.sqlite()?, pool).await?.rows_affected(),
-            On::Postgres(db) => in_time(execute(self.postgres()?, db))
-                .await?
-                .rows_affected(),
-            On::PostgresPool(pool) => {
+            On::Postgres(db, Prepared) => {
+                let done = in_time(execute(self.postgres()?, db)).await?;
+                done.rows_affected()
+            }
+            On::PostgresPool(pool, Prepared) => {
                 let done = in_time(execute(self.postgres()?, pool)).await?;
                 done.rows_affected()
             }
+            On::Postgres(db, Whole) => in_time(run(self.whole(), db)).await?,
+            On::PostgresPool(pool, Whole) => in_time(run(self.whole(), pool)).await?,
         };
         Ok(Done { rows })
     }
@@ -80,11 +84,14 @@ impl<'q> Query<'q> {
         self,
         on: impl Into<On<'e>>,
     ) -> Result<Vec<Row>> {
+        use Protocol::{Prepared, Whole};
         match on.into() {
             On::Sqlite(db) => all(self.sqlite()?, db).await,
             On::SqlitePool(pool) => all(self.sqlite()?, pool).await,
-            On::Postgres(db) => in_time(all(self.postgres()?, db)).await,
-            On::PostgresPool(pool) => in_time(all(self.postgres()?, pool)).await,
+            On::Postgres(db, Prepared) => in_time(all(self.postgres()?, db)).await,
+            On::PostgresPool(pool, Prepared) => in_time(all(self.postgres()?, pool)).await,
+            On::Postgres(db, Whole) => in_time(rows(self.whole(), db)).await,
+            On::PostgresPool(pool, Whole) => in_time(rows(self.whole(), pool)).await,
         }
     }
 
@@ -92,11 +99,14 @@ impl<'q> Query<'q> {
         self,
         on: impl Into<On<'e>>,
     ) -> Result<Option<Row>> {
+        use Protocol::{Prepared, Whole};
         match on.into() {
             On::Sqlite(db) => optional(self.sqlite()?, db).await,
             On::SqlitePool(pool) => optional(self.sqlite()?, pool).await,
-            On::Postgres(db) => in_time(optional(self.postgres()?, db)).await,
-            On::PostgresPool(pool) => in_time(optional(self.postgres()?, pool)).await,
+            On::Postgres(db, Prepared) => in_time(optional(self.postgres()?, db)).await,
+            On::PostgresPool(pool, Prepared) => in_time(optional(self.postgres()?, pool)).await,
+            On::Postgres(db, Whole) => in_time(row(self.whole(), db)).await,
+            On::PostgresPool(pool, Whole) => in_time(row(self.whole(), pool)).await,
         }
     }
 
@@ -123,6 +133,28 @@ impl<'q> Query<'q> {
         }
         Ok((self.text.for_postgres(), arguments))
     }
+
+    /// The statement with its values in it, for Postgres.
+    fn whole(self) -> SqlStr {
+        let values = self.values.into_iter().map(Value::without_nul);
+        let literals: Vec<String> = values.map(|value| value.literal()).collect();
+        self.text.with_literals(&literals)
+    }
+}
+
+/// A statement with its values in it, as one message.
+async fn run<'e>(text: SqlStr, db: impl Executor<'e, Database = Postgres>) -> Result<u64> {
+    Ok(sqlx::raw_sql(text).execute(db).await?.rows_affected())
+}
+
+async fn rows<'e>(text: SqlStr, db: impl Executor<'e, Database = Postgres>) -> Result<Vec<Row>> {
+    let rows = sqlx::raw_sql(text).fetch_all(db).await?;
+    Ok(rows.into_iter().map(Into::into).collect())
+}
+
+async fn row<'e>(text: SqlStr, db: impl Executor<'e, Database = Postgres>) -> Result<Option<Row>> {
+    let row = sqlx::raw_sql(text).fetch_optional(db).await?;
+    Ok(row.map(Into::into))
 }
 
 /// A statement of which the first column is asked, and its values.
