@@ -17,6 +17,7 @@ mod parts;
 mod presets;
 mod progress;
 mod reconstruct;
+mod relocate;
 mod rows;
 mod sample;
 mod serve;
@@ -67,6 +68,8 @@ enum Command {
     Migrate(migrate::Arguments),
     /// Find that all bytes are there that the rows of a service name; exit code 1 when some are not.
     Check(check::Arguments),
+    /// Move a service from a folder with `SQLite` to Postgres, and perhaps to an object store.
+    Move(relocate::Arguments),
     /// Print what completes the command line in a shell.
     Completions(documents::Completions),
     /// Print the man page, or write those of all commands into a folder.
@@ -129,6 +132,7 @@ fn run(cli: Cli, substitute: Option<&Substitute>) -> ExitCode {
         Command::Audit(arguments) => audit::run(&arguments),
         Command::Migrate(arguments) => migrate::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
+        Command::Move(arguments) => relocate::run(&arguments),
         Command::Completions(arguments) => documents::completions(&arguments),
         Command::Man(arguments) => documents::man(&arguments),
         Command::Health(arguments) => health::run(&arguments),

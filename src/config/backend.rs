@@ -38,7 +38,7 @@ pub struct Backend {
 
 impl Backend {
     /// What others could read or change on the way, each in one sentence.
-    pub(super) fn exposures(&self) -> Vec<String> {
+    pub fn exposures(&self) -> Vec<String> {
         if self.insecure_backend {
             return Vec::new();
         }

@@ -82,7 +82,6 @@ pub struct Checked {
 
 /// A row that names bytes.
 struct Claim {
-    named: Named,
     of: String,
     place: String,
     bytes: u64,
@@ -118,12 +117,11 @@ impl Named {
 }
 
 impl Claim {
-    fn of(named: Named, row: &Row) -> Result<Self> {
+    fn of(row: &Row) -> Result<Self> {
         let object: Option<String> = row.named("object")?;
         let sha256: Option<String> = row.named("sha256")?;
         let bytes: i64 = row.named("bytes")?;
         Ok(Self {
-            named,
             of: row.named("of")?,
             is_file: object.is_none(),
             place: object.or_else(|| sha256.clone()).unwrap_or_default(),
@@ -207,7 +205,7 @@ impl Check {
                 let Some(row) = page.last() else { break };
                 last = row.named("place")?;
                 for row in &page {
-                    let claim = Claim::of(kind, row)?;
+                    let claim = Claim::of(row)?;
                     let count = checked.rows.entry(kind).or_default();
                     count.0 += 1;
                     count.1 += claim.bytes;

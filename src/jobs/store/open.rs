@@ -15,12 +15,12 @@ use super::content::{lift, place};
 use super::engine::{Engine, Writer};
 use super::postgres::notice::Notices;
 use super::postgres::{Access, ServerClock, Session};
-use super::sql::{Db, Readers};
+use super::sql::{Db, Readers, scalar};
 use super::sqlite::shredder::Shredder;
 use super::sqlite::writer::ready;
 use super::sqlite::{MIGRATIONS, OPENING, connect_options, migrated, readers, writing};
 use super::{DATABASE_FILE, Inner, Options, Store};
-use crate::jobs::Result;
+use crate::jobs::{Error, Result};
 
 /// The open database of the rows.
 struct Rows {
@@ -57,6 +57,13 @@ impl Store {
         let connect = connect_options(&data_dir.join(DATABASE_FILE), &options);
         let patience = OPENING * options.busy_timeout;
         let mut db = migrated(&writing(&connect), &MIGRATIONS, patience).await?;
+        let moved = "SELECT value FROM meta WHERE name = 'moved_to'";
+        let moved: Option<String> = scalar(moved)
+            .fetch_optional(&mut Db::Sqlite(&mut db))
+            .await?;
+        if let Some(to) = moved.filter(|_| !options.rows_only) {
+            return Err(Error::Moved(to));
+        }
         let objects = place::open(&mut Db::Sqlite(&mut db), data_dir, &options).await?;
         if !options.rows_only {
             lift::lift(&mut db, &objects).await?;

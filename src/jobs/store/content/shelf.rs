@@ -107,12 +107,7 @@ impl Shelf {
     pub(in crate::jobs::store) async fn sha256(&self, key: &str, bytes: u64) -> Result<String> {
         let mut hash = Sha256::new();
         match self {
-            Self::Bucket(bucket) => {
-                let mut parts = bucket.parts(key, bytes);
-                while let Some(Some(part)) = parts.try_next().await? {
-                    hash.update(&part);
-                }
-            }
+            Self::Bucket(bucket) => return sha256_in(bucket, key, bytes).await,
             Self::Embedded(None, _) => {}
             Self::Embedded(Some(pool), _) => {
                 let select = "SELECT data FROM chunks WHERE object = ?1 ORDER BY position";
@@ -126,4 +121,18 @@ impl Shelf {
         }
         Ok(hex::encode(hash.finalize()))
     }
+}
+
+/// The SHA-256 of an object of so many bytes, as far as they are there.
+pub(in crate::jobs::store) async fn sha256_in(
+    bucket: &Bucket,
+    key: &str,
+    bytes: u64,
+) -> Result<String> {
+    let mut hash = Sha256::new();
+    let mut parts = bucket.parts(key, bytes);
+    while let Some(Some(part)) = parts.try_next().await? {
+        hash.update(&part);
+    }
+    Ok(hex::encode(hash.finalize()))
 }

@@ -45,7 +45,7 @@ pub(in crate::jobs::store) fn find(home: Option<&str>, folder: &Path) -> Result<
 }
 
 /// The name of a folder, which is made at its first use.
-fn name_of(folder: &Path) -> std::io::Result<String> {
+pub(in crate::jobs::store) fn name_of(folder: &Path) -> std::io::Result<String> {
     let file = folder.join(NAME_FILE);
     match fs::read_to_string(&file) {
         Err(error) if error.kind() == ErrorKind::NotFound => {

@@ -39,15 +39,17 @@ const SETTINGS: &str = "SET statement_timeout = '5s'; SET lock_timeout = '5s';
 const POOLED_BEGIN: &str = "BEGIN; SET LOCAL statement_timeout = '5s'; SET LOCAL lock_timeout = '5s';
     SET LOCAL idle_in_transaction_session_timeout = '5s';
     SELECT pg_advisory_xact_lock(5715126710434267),
-    CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT), CAST(pg_current_xact_id() AS TEXT)";
+    CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT), CAST(pg_current_xact_id() AS TEXT);
+    SELECT COALESCE(MAX(version), 0) FROM _sqlx_migrations";
 
 /// Waits for the transactions that write of all other processes. The number of the lock is ours alone.
-const LOCK: &str = "SELECT pg_advisory_xact_lock(5715126710434267)";
+pub(in crate::jobs::store) const LOCK: &str = "SELECT pg_advisory_xact_lock(5715126710434267)";
 
 /// Begins a transaction, waits for those of all other processes, and then asks for the time, and for
-/// what tells later whether it was committed.
+/// what tells later whether it was committed. Then, nobody else being able to change that, how far the tables are.
 const BEGIN: &str = "BEGIN; SELECT pg_advisory_xact_lock(5715126710434267),
-    CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT), CAST(pg_current_xact_id() AS TEXT)";
+    CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT), CAST(pg_current_xact_id() AS TEXT);
+    SELECT COALESCE(MAX(version), 0) FROM _sqlx_migrations";
 
 /// How long it is asked what became of a commit whose answer was lost, and the pause between two tries.
 const UNCERTAIN: Duration = Duration::from_secs(20);
@@ -149,6 +151,8 @@ pub(in crate::jobs::store) struct Session {
     lost: bool,
     /// The name that the server gave the transaction.
     transaction: String,
+    /// The last migration that the tables had gone through then.
+    version: i64,
     clock: ServerClock,
     committed: Arc<Notify>,
 }
@@ -175,6 +179,7 @@ impl Session {
             db,
             lost: false,
             transaction: String::new(),
+            version: 0,
             clock,
             committed,
         })
@@ -237,10 +242,19 @@ impl writer::Session for Session {
         } else {
             BEGIN
         };
-        let begun = async { Ok(sqlx::raw_sql(begin).fetch_one(&mut self.db).await?) };
-        let row: PgRow = in_time(begun).await?;
+        let begun = async { Ok(sqlx::raw_sql(begin).fetch_all(&mut self.db).await?) };
+        let rows: Vec<PgRow> = in_time(begun).await?;
+        let [row, version] = rows.as_slice() else {
+            return Err(Error::Busy);
+        };
         self.clock.set(row.try_get(1)?);
         self.transaction = row.try_get(2)?;
+        let version: i64 = version.try_get(0)?;
+        if version != self.version {
+            // Statements that were prepared before a newer program changed the tables are refused.
+            in_time(async { Ok(self.db.clear_cached_statements().await?) }).await?;
+            self.version = version;
+        }
         Ok(())
     }
 

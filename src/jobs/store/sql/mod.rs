@@ -11,14 +11,14 @@ mod row;
 mod text;
 mod value;
 
-use sqlx::postgres::{PgArguments, Postgres};
+use sqlx::postgres::{PgArguments, PgConnection, PgPool, Postgres};
 use sqlx::sqlite::SqliteArguments;
-use sqlx::{Arguments, Database, Executor, IntoArguments, SqlStr};
+use sqlx::{Arguments, Connection, Database, Executor, IntoArguments, SqlStr};
 
 pub(in crate::jobs::store) use db::{Db, On, Protocol, Readers, in_time};
 pub(in crate::jobs::store) use row::{Column, Row};
 pub(in crate::jobs::store) use text::{Text, either};
-pub(in crate::jobs::store) use value::Value;
+pub(in crate::jobs::store) use value::{NO_NUL, Value};
 
 use crate::jobs::{Error, Result};
 
@@ -40,6 +40,21 @@ pub(in crate::jobs::store) fn query<'q>(text: impl Into<Text>) -> Query<'q> {
 /// A statement of which the first column is asked.
 pub(in crate::jobs::store) fn scalar<'q>(text: impl Into<Text>) -> Scalar<'q> {
     Scalar(query(text))
+}
+
+/// What is wanted of a statement.
+#[derive(Debug, Clone, Copy)]
+enum Wanted {
+    Count,
+    All,
+    First,
+}
+
+/// What came of it.
+#[derive(Default)]
+struct Answer {
+    count: u64,
+    rows: Vec<Row>,
 }
 
 /// What a statement did that has no rows.
@@ -66,13 +81,9 @@ impl<'q> Query<'q> {
         let rows = match on.into() {
             On::Sqlite(db) => execute(self.sqlite()?, db).await?.rows_affected(),
             On::SqlitePool(pool) => execute(self.sqlite()?, pool).await?.rows_affected(),
-            On::Postgres(db, Prepared) => {
-                let done = in_time(execute(self.postgres()?, db)).await?;
-                done.rows_affected()
-            }
+            On::Postgres(db, Prepared) => in_time(self.afresh(db, Wanted::Count)).await?.count,
             On::PostgresPool(pool, Prepared) => {
-                let done = in_time(execute(self.postgres()?, pool)).await?;
-                done.rows_affected()
+                in_time(self.again(pool, Wanted::Count)).await?.count
             }
             On::Postgres(db, Whole) => in_time(run(self.whole(), db)).await?,
             On::PostgresPool(pool, Whole) => in_time(run(self.whole(), pool)).await?,
@@ -88,8 +99,10 @@ impl<'q> Query<'q> {
         match on.into() {
             On::Sqlite(db) => all(self.sqlite()?, db).await,
             On::SqlitePool(pool) => all(self.sqlite()?, pool).await,
-            On::Postgres(db, Prepared) => in_time(all(self.postgres()?, db)).await,
-            On::PostgresPool(pool, Prepared) => in_time(all(self.postgres()?, pool)).await,
+            On::Postgres(db, Prepared) => Ok(in_time(self.afresh(db, Wanted::All)).await?.rows),
+            On::PostgresPool(pool, Prepared) => {
+                Ok(in_time(self.again(pool, Wanted::All)).await?.rows)
+            }
             On::Postgres(db, Whole) => in_time(rows(self.whole(), db)).await,
             On::PostgresPool(pool, Whole) => in_time(rows(self.whole(), pool)).await,
         }
@@ -103,8 +116,14 @@ impl<'q> Query<'q> {
         match on.into() {
             On::Sqlite(db) => optional(self.sqlite()?, db).await,
             On::SqlitePool(pool) => optional(self.sqlite()?, pool).await,
-            On::Postgres(db, Prepared) => in_time(optional(self.postgres()?, db)).await,
-            On::PostgresPool(pool, Prepared) => in_time(optional(self.postgres()?, pool)).await,
+            On::Postgres(db, Prepared) => {
+                let found = in_time(self.afresh(db, Wanted::First)).await?;
+                Ok(found.rows.into_iter().next())
+            }
+            On::PostgresPool(pool, Prepared) => {
+                let found = in_time(self.again(pool, Wanted::First)).await?;
+                Ok(found.rows.into_iter().next())
+            }
             On::Postgres(db, Whole) => in_time(row(self.whole(), db)).await,
             On::PostgresPool(pool, Whole) => in_time(row(self.whole(), pool)).await,
         }
@@ -125,13 +144,50 @@ impl<'q> Query<'q> {
         Ok((self.text.for_sqlite(), arguments))
     }
 
-    fn postgres(self) -> Result<(SqlStr, PgArguments)> {
+    fn postgres(&self) -> Result<(SqlStr, PgArguments)> {
         let mut arguments = PgArguments::default();
         arguments.reserve(self.values.len(), 0);
-        for value in self.values {
-            value.without_nul().add_to(&mut arguments)?;
+        for value in &self.values {
+            value.borrowed().without_nul().add_to(&mut arguments)?;
         }
         Ok((self.text.for_postgres(), arguments))
+    }
+
+    /// Runs it on a connection. What that kept prepared of tables that have changed since is forgotten.
+    ///
+    /// # Errors
+    /// `Busy` if the tables have changed; the transaction has failed then.
+    async fn afresh(&self, db: &mut PgConnection, wanted: Wanted) -> Result<Answer> {
+        match self.on_postgres(db, wanted).await {
+            Err(error) if is_outdated(&error) => {
+                db.clear_cached_statements().await?;
+                Err(Error::Busy)
+            }
+            result => result,
+        }
+    }
+
+    /// The same outside of a transaction: it is asked once more.
+    async fn again(&self, pool: &PgPool, wanted: Wanted) -> Result<Answer> {
+        let mut db = pool.acquire().await?;
+        match self.on_postgres(&mut db, wanted).await {
+            Err(error) if is_outdated(&error) => {
+                db.clear_cached_statements().await?;
+                self.on_postgres(&mut db, wanted).await
+            }
+            result => result,
+        }
+    }
+
+    async fn on_postgres(&self, db: &mut PgConnection, wanted: Wanted) -> Result<Answer> {
+        let statement = self.postgres()?;
+        let mut answer = Answer::default();
+        match wanted {
+            Wanted::Count => answer.count = execute(statement, db).await?.rows_affected(),
+            Wanted::All => answer.rows = all(statement, db).await?,
+            Wanted::First => answer.rows.extend(optional(statement, db).await?),
+        }
+        Ok(answer)
     }
 
     /// The statement with its values in it, for Postgres.
@@ -140,6 +196,16 @@ impl<'q> Query<'q> {
         let literals: Vec<String> = values.map(|value| value.literal()).collect();
         self.text.with_literals(&literals)
     }
+}
+
+/// Whether a statement was prepared before its tables got another column: "cached plan must not change
+/// result type", before anything is done.
+fn is_outdated(error: &Error) -> bool {
+    let Error::Database(error) = error else {
+        return false;
+    };
+    let error = error.as_database_error();
+    error.is_some_and(|error| error.code().as_deref() == Some("0A000"))
 }
 
 /// A statement with its values in it, as one message.

@@ -17,9 +17,19 @@ pub(in crate::jobs::store) enum Value<'q> {
 
 /// What stands for U+0000, which texts of Postgres cannot have: no character either. Texts are found by
 /// it, and none of ours is read back that has one.
-const NO_NUL: &str = "\u{fffe}";
+pub(in crate::jobs::store) const NO_NUL: &str = "\u{fffe}";
 
 impl<'q> Value<'q> {
+    /// The same, of which nothing is copied.
+    pub(super) fn borrowed(&self) -> Value<'_> {
+        match self {
+            Self::Text(text) => Value::Text(text.as_deref().map(Cow::Borrowed)),
+            Self::Integer(number) => Value::Integer(*number),
+            Self::Real(number) => Value::Real(*number),
+            Self::Bytes(bytes) => Value::Bytes(bytes.as_deref().map(Cow::Borrowed)),
+        }
+    }
+
     pub(super) fn without_nul(self) -> Self {
         match self {
             Self::Text(Some(text)) if text.contains('\0') => {
