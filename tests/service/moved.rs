@@ -180,7 +180,7 @@ impl Old {
         let content = format!("GET {}/content", path(&self.cloud));
         assert!(client.ask(&content, "", &[]).await.unwrap().body == self.bytes);
         let upload = client
-            .ask(&format!("HEAD /v1/uploads/{}", self.upload), "", &[])
+            .ask(&format!("GET /v1/uploads/{}", self.upload), "", &[])
             .await;
         assert!(upload.unwrap().status < 300);
         let job = json!({"cloud_id": self.cloud["id"], "preset": "fast"});
@@ -190,7 +190,7 @@ impl Old {
         let mut db = Bare::postgres(database).await;
         let select = format!(
             "SELECT MIN(seq) FROM events WHERE seq > {}",
-            self.last_event
+            self.last_event + 1
         );
         assert_eq!(db.number(&select).await, self.last_event + 2);
         let last = format!("Last-Event-ID: {}\r\n", self.last_event);

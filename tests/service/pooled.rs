@@ -3,6 +3,7 @@
 use meshway::jobs::store::Options;
 use rustix::process::{Signal, kill_process};
 use serde_json::json;
+use sqlx::ConnectOptions;
 use sqlx::postgres::PgConnectOptions;
 
 use crate::http::support::sphere_xyz;
@@ -50,7 +51,7 @@ async fn serve(folder: &tempfile::TempDir, pooled: &str, name: &str) -> Server {
     let flags = [
         &*database,
         "--database-pooled",
-        "--workers=3",
+        "--workers=2",
         "--script=sleep:1.5",
     ];
     let data = folder.path().join("data");

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::process::{Command, Output};
+use std::time::Duration;
 
 use meshway::jobs::{Error, Options, Store};
 use serde_json::json;
@@ -110,7 +111,7 @@ async fn submit(client: &mut Connection, cloud: &str) -> serde_json::Value {
 
 async fn serve(url: &str, folder: &Path, name: &str) -> Server {
     let database = format!("--database={url}");
-    let flags = [&*database, "--workers=2", "--script=sleep:0.3"];
+    let flags = [&*database, "--workers=2", "--script=sleep:0.1"];
     Server::start(&folder.join("data"), folder.join(name), &flags).await
 }
 
@@ -132,6 +133,7 @@ async fn this_program_works_on_with_tables_of_a_later_one() {
         let mut jobs = Vec::new();
         while !ended.is_cancelled() || jobs.len() < 4 {
             jobs.push(submit(&mut client, &of).await);
+            tokio::time::sleep(Duration::from_millis(50)).await;
         }
         jobs
     });
