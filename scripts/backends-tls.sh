@@ -107,6 +107,7 @@ refused "a file of authorities that is not there" "none.pem" --objects "$(object
 refused "an object store elsewhere without TLS" "https://" --objects "s3://tests/e?endpoint=http://s3.example"
 
 # All of a job over both.
+: > "$work/log"
 serve --data-dir "$work/data" --database "$(database localhost ours)" --objects "$(objects localhost ours life)" \
   > "$work/log" 2>&1 &
 server=$!
@@ -117,9 +118,10 @@ for _ in $(seq 200); do
   sleep 0.1
 done
 [ -n "$address" ] || fail "the service did not say where it listens"
-"$program" sample sphere --points 2000 --output "$work/cloud.ply" >/dev/null
-curl -fsS --max-time 300 -H 'Prefer: wait=60' -H 'Accept: model/obj' --data-binary @"$work/cloud.ply" \
-  -o "$work/mesh.obj" "$address/v1/jobs?preset=fast"
+"$program" sample sphere --points 500 --output "$work/cloud.ply" >/dev/null
+job='{"preset": "fast", "settings": {"training": {"max_evaluations": 30}, "surface": {"resolution": 24}}}'
+curl -fsS --max-time 300 -H 'Prefer: wait=60' -H 'Accept: model/obj' -F file=@"$work/cloud.ply" -F "job=$job" \
+  -o "$work/mesh.obj" "$address/v1/jobs"
 grep -q '^f ' "$work/mesh.obj" || fail "no mesh came over TLS: $(cat "$work/mesh.obj") $(tail -5 "$work/log")"
 in_clear=$(psql -qtA "$MESHWAY_TEST_DATABASE" -c "SELECT COUNT(*) FROM pg_stat_ssl JOIN pg_stat_activity USING (pid)
   WHERE datname = 'of_tls' AND NOT ssl")

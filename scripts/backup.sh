@@ -33,6 +33,7 @@ job='{"preset": "fast", "settings": {"training": {"max_evaluations": 30}, "surfa
 serve() { # log, flags…
   local log=$1
   shift
+  : > "$log"
   "$program" serve --listen 127.0.0.1:0 --disk-reserve-mib 1 --disk-reserve-percent 0 --workers 1 "$@" > "$log" 2>&1 &
   server=$!
   for _ in $(seq 300); do
@@ -59,7 +60,7 @@ for k in range(400):
     turn = k * math.pi * (3 - math.sqrt(5))
     r = math.sqrt(1 - z * z) * (1 + int(sys.argv[1]) * 1e-6)
     print(r * math.cos(turn), r * math.sin(turn), z)' "$number" > "$work/next.xyz"
-    answer=$(curl -sS --max-time 100 -H 'Prefer: wait=60' -F "file=@$work/next.xyz" -F "job=$job" "$address/v1/jobs") ||
+    answer=$(curl -sS --max-time 100 -H 'Prefer: wait=60' -F "file=@$work/next.xyz" -F "job=$job" "$address/v1/jobs" 2>/dev/null) ||
       continue
     python3 -c 'import json, sys
 job = json.load(sys.stdin)

@@ -38,7 +38,8 @@ auth_type = any
 pool_mode = transaction
 default_pool_size = 4
 max_client_conn = 500
-max_db_connections = 0
+# Tests make many databases, one after the other.
+server_idle_timeout = 1
 log_connections = 0
 log_disconnections = 0
 SETTINGS

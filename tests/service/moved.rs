@@ -336,7 +336,7 @@ async fn all_tables_move() {
         .await;
     let mut db = Bare::sqlite(&dir.path().join(DATABASE_FILE)).await;
     let select = "SELECT name FROM sqlite_schema WHERE type = 'table'";
-    check_listed(&listed, db.texts(select).await);
+    check_listed(&listed, &db.texts(select).await);
     let Some(database) = new_database().await else {
         return;
     };
@@ -344,10 +344,10 @@ async fn all_tables_move() {
     assert!(run(&["migrate", &place]).status.success());
     let mut db = Bare::postgres(&database).await;
     let select = "SELECT CAST(tablename AS TEXT) FROM pg_tables WHERE schemaname = 'public'";
-    check_listed(&listed, db.texts(select).await);
+    check_listed(&listed, &db.texts(select).await);
 }
 
-fn check_listed(listed: &BTreeSet<&str>, tables: Vec<String>) {
+fn check_listed(listed: &BTreeSet<&str>, tables: &[String]) {
     assert!(tables.len() > 20);
     let known = |table: &String| listed.contains(table.as_str());
     let forgotten: Vec<&String> = tables.iter().filter(|table| !known(table)).collect();

@@ -1,4 +1,4 @@
-//! A service whose database is behind PgBouncer in transaction mode, as `scripts/pgbouncer.sh` starts it.
+//! A service whose database is behind `PgBouncer` in transaction mode, as `scripts/pgbouncer.sh` starts it.
 
 use meshway::jobs::store::Options;
 use rustix::process::{Signal, kill_process};
@@ -95,7 +95,7 @@ async fn a_service_lives_behind_a_pooler() {
         db.texts(select).await.pop()
     })
     .await;
-    let pid = worker.rsplit('-').next().unwrap().parse().unwrap();
+    let pid = worker.split('-').nth(2).unwrap().parse().unwrap();
     kill_process(rustix::process::Pid::from_raw(pid).unwrap(), Signal::KILL).unwrap();
     let mut stream = Connection::open(server.address()).await.unwrap();
     let line = format!("GET {}/events", path(&jobs[3]));

@@ -48,9 +48,10 @@ impl Store {
         let there = "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = 'meta')";
         let there: bool = sqlx::query_scalar(there).fetch_one(&mut db).await?;
         let select = "SELECT value FROM meta WHERE name = 'moved_to'";
-        let moved = match there {
-            true => sqlx::query_scalar(select).fetch_optional(&mut db).await?,
-            false => None,
+        let moved = if there {
+            sqlx::query_scalar(select).fetch_optional(&mut db).await?
+        } else {
+            None
         };
         db.close().await?;
         Ok(moved)

@@ -122,7 +122,7 @@ impl Transaction<'_> {
 
 fn metrics_of(row: &Row) -> Result<Metrics> {
     let columns = Columns::new("metrics", row);
-    let weight_norms: &[u8] = columns.get("weight_norms")?;
+    let weight_norms: Vec<u8> = columns.get("weight_norms")?;
     let (norms, rest) = weight_norms.as_chunks::<8>();
     if !rest.is_empty() {
         return Err(Error::inconsistent("metrics", "weight_norms")(

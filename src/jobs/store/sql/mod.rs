@@ -81,12 +81,18 @@ impl<'q> Query<'q> {
         let rows = match on.into() {
             On::Sqlite(db) => execute(self.sqlite()?, db).await?.rows_affected(),
             On::SqlitePool(pool) => execute(self.sqlite()?, pool).await?.rows_affected(),
-            On::Postgres(db, Prepared) => in_time(self.afresh(db, Wanted::Count)).await?.count,
-            On::PostgresPool(pool, Prepared) => {
-                in_time(self.again(pool, Wanted::Count)).await?.count
+            On::Postgres(db, Prepared) => {
+                in_time(Box::pin(self.afresh(db, Wanted::Count)))
+                    .await?
+                    .count
             }
-            On::Postgres(db, Whole) => in_time(run(self.whole(), db)).await?,
-            On::PostgresPool(pool, Whole) => in_time(run(self.whole(), pool)).await?,
+            On::PostgresPool(pool, Prepared) => {
+                in_time(Box::pin(self.again(pool, Wanted::Count)))
+                    .await?
+                    .count
+            }
+            On::Postgres(db, Whole) => in_time(Box::pin(run(self.whole(), db))).await?,
+            On::PostgresPool(pool, Whole) => in_time(Box::pin(run(self.whole(), pool))).await?,
         };
         Ok(Done { rows })
     }
@@ -99,12 +105,14 @@ impl<'q> Query<'q> {
         match on.into() {
             On::Sqlite(db) => all(self.sqlite()?, db).await,
             On::SqlitePool(pool) => all(self.sqlite()?, pool).await,
-            On::Postgres(db, Prepared) => Ok(in_time(self.afresh(db, Wanted::All)).await?.rows),
-            On::PostgresPool(pool, Prepared) => {
-                Ok(in_time(self.again(pool, Wanted::All)).await?.rows)
+            On::Postgres(db, Prepared) => {
+                Ok(in_time(Box::pin(self.afresh(db, Wanted::All))).await?.rows)
             }
-            On::Postgres(db, Whole) => in_time(rows(self.whole(), db)).await,
-            On::PostgresPool(pool, Whole) => in_time(rows(self.whole(), pool)).await,
+            On::PostgresPool(pool, Prepared) => {
+                Ok(in_time(Box::pin(self.again(pool, Wanted::All))).await?.rows)
+            }
+            On::Postgres(db, Whole) => in_time(Box::pin(rows(self.whole(), db))).await,
+            On::PostgresPool(pool, Whole) => in_time(Box::pin(rows(self.whole(), pool))).await,
         }
     }
 
@@ -117,15 +125,15 @@ impl<'q> Query<'q> {
             On::Sqlite(db) => optional(self.sqlite()?, db).await,
             On::SqlitePool(pool) => optional(self.sqlite()?, pool).await,
             On::Postgres(db, Prepared) => {
-                let found = in_time(self.afresh(db, Wanted::First)).await?;
+                let found = in_time(Box::pin(self.afresh(db, Wanted::First))).await?;
                 Ok(found.rows.into_iter().next())
             }
             On::PostgresPool(pool, Prepared) => {
-                let found = in_time(self.again(pool, Wanted::First)).await?;
+                let found = in_time(Box::pin(self.again(pool, Wanted::First))).await?;
                 Ok(found.rows.into_iter().next())
             }
-            On::Postgres(db, Whole) => in_time(row(self.whole(), db)).await,
-            On::PostgresPool(pool, Whole) => in_time(row(self.whole(), pool)).await,
+            On::Postgres(db, Whole) => in_time(Box::pin(row(self.whole(), db))).await,
+            On::PostgresPool(pool, Whole) => in_time(Box::pin(row(self.whole(), pool))).await,
         }
     }
 
