@@ -9,7 +9,7 @@ use super::postgres::{self, Access};
 use super::schema::Schema;
 use super::sqlite::{MIGRATIONS, OPENING, connect_options, migrated, writing};
 use super::{DATABASE_FILE, Options, Store};
-use crate::jobs::Result;
+use crate::jobs::{Error, Result};
 
 impl Store {
     /// How far the tables are that [`Store::open`] would open. Nothing is changed.
@@ -57,7 +57,7 @@ async fn schema_of(file: &Path) -> Result<Schema> {
     db.close().await?;
     let known = MIGRATIONS.len() as i64;
     if found > known {
-        return Err(crate::jobs::Error::Newer {
+        return Err(Error::Newer {
             needs: found,
             known,
         });

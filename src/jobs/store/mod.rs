@@ -12,7 +12,8 @@
 //! - `sqlite`: how the databases of the folder are opened, migrated, written and cleaned;
 //! - `postgres`: the same for the rows on a server, and how its clients hear of each other;
 //! - `content`: large content, and the rule that keeps rows and bytes together;
-//! - `records`: the rows, one file a noun.
+//! - `records`: the rows, one file a noun;
+//! - `migrate`, `check` and `moving`: what is done beside a service, by the command line.
 //!
 //! # Errors
 //!
