@@ -8,7 +8,7 @@ use clap::Args;
 use super::Failure;
 use super::data_folder::DataFolder;
 use super::files::Sink;
-use crate::config::{Backend, DatabaseUrl};
+use crate::config::Backend;
 use crate::jobs::store::{Moved, Options};
 use crate::jobs::{Error, Store, store};
 
@@ -61,10 +61,10 @@ async fn relocate(arguments: &Arguments) -> Result<String, Failure> {
     };
     let moved = Store::relocate(folder, &options, &database.to_string()).await;
     let failed = |error| Failure::Output(format!("--database {database}: {error}"));
-    Ok(report(&moved.map_err(failed)?, folder, database))
+    Ok(report(&moved.map_err(failed)?, folder, &arguments.to))
 }
 
-fn report(moved: &Moved, folder: &Path, database: &DatabaseUrl) -> String {
+fn report(moved: &Moved, folder: &Path, to: &Backend) -> String {
     let mut text = String::new();
     if moved.before {
         text += "the rows were there already, from an earlier try\n";
@@ -76,10 +76,23 @@ fn report(moved: &Moved, folder: &Path, database: &DatabaseUrl) -> String {
     for (name, sum) in &moved.tables {
         let _ = writeln!(text, "{name:<14}{:>10} rows  {}", sum.rows, sum.sha256);
     }
-    let _ = writeln!(
+    if !moved.before {
+        text += "each table reads the same on both sides\n";
+    }
+    let _ = write!(
         text,
-        "each table reads the same on both sides; serve it by\n  meshway serve --data-dir {} --database {database}",
+        "serve it by\n  meshway serve --data-dir {}",
         folder.display()
     );
+    if let Some(database) = &to.database {
+        let _ = write!(text, " --database '{database}'");
+    }
+    if to.database_pooled {
+        text += " --database-pooled";
+    }
+    if let Some(objects) = &to.objects {
+        let _ = write!(text, " --objects '{objects}'");
+    }
+    text += "\n";
     text
 }
