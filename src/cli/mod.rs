@@ -1,6 +1,7 @@
 //! The command line: one module a subcommand, exit codes, and nothing that computes.
 
 mod audit;
+mod check;
 mod data_folder;
 mod documents;
 mod encoding;
@@ -11,10 +12,13 @@ mod health;
 mod inspect;
 mod key;
 mod logging;
+mod migrate;
 mod parts;
 mod presets;
 mod progress;
 mod reconstruct;
+mod relocate;
+mod rows;
 mod sample;
 mod serve;
 mod slot;
@@ -62,6 +66,12 @@ enum Command {
     User(user::Arguments),
     /// Check or export the audit trail of a service.
     Audit(audit::Arguments),
+    /// Bring the tables of a service up to date, or tell whether they are.
+    Migrate(migrate::Arguments),
+    /// Find that all bytes are there that the rows of a service name; exit code 1 when some are not.
+    Check(check::Arguments),
+    /// Move a service from a folder with `SQLite` to Postgres, and perhaps to an object store.
+    Move(relocate::Arguments),
     /// Print what completes the command line in a shell.
     Completions(documents::Completions),
     /// Print the man page, or write those of all commands into a folder.
@@ -124,6 +134,9 @@ fn run(cli: Cli, substitute: Option<&Substitute>) -> ExitCode {
         Command::Key(arguments) => key::run(&arguments),
         Command::User(arguments) => user::run(&arguments),
         Command::Audit(arguments) => audit::run(&arguments),
+        Command::Migrate(arguments) => migrate::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
+        Command::Move(arguments) => relocate::run(&arguments),
         Command::Completions(arguments) => documents::completions(&arguments),
         Command::Man(arguments) => documents::man(&arguments),
         Command::Health(arguments) => health::run(&arguments),

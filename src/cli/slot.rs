@@ -52,6 +52,9 @@ pub(super) struct Orders {
     pub(super) log: String,
     /// The database of the rows, with its password; none: that of the folder.
     pub(super) database: Option<String>,
+    /// Whether a pooler stands before it.
+    #[serde(default)]
+    pub(super) database_pooled: bool,
     /// Name of the start of the service; empty where no other one shares its database.
     #[serde(default)]
     pub(super) node: String,
@@ -103,6 +106,7 @@ async fn work_on(arguments: &Arguments, orders: Orders, work: Arc<Work>) -> Resu
         metrics_limit: options.metrics_limit,
         process: name.clone(),
         database: orders.database,
+        database_pooled: orders.database_pooled,
         objects: orders.objects,
         ..store::Options::default()
     };

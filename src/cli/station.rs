@@ -59,6 +59,7 @@ impl Station<'_> {
             metrics_limit: self.work.max_metrics.into(),
             ballast_bytes: BALLAST_BYTES,
             database: self.secret(),
+            database_pooled: self.backend.database_pooled,
             objects: self.backend.objects.clone(),
             node: self.node.clone(),
             only_works: self.role == Role::Worker,
@@ -136,6 +137,7 @@ impl Station<'_> {
             log_format: work.log_format,
             log: work.log.clone(),
             database: self.secret(),
+            database_pooled: self.backend.database_pooled,
             node: self.node.clone(),
         }
     }

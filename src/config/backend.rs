@@ -18,6 +18,12 @@ pub struct Backend {
     #[arg(long, env = "MESHWAY_DATABASE", hide_env_values = true)]
     pub database: Option<DatabaseUrl>,
 
+    /// Say that a pooler in transaction mode, such as `PgBouncer`, stands before the database: nothing is
+    /// asked of a session then that would have to stay the same from one transaction to the next.
+    #[arg(long, env = "MESHWAY_DATABASE_POOLED", num_args = 0..=1, require_equals = true,
+          default_value_t = false, default_missing_value = "true", action = clap::ArgAction::Set)]
+    pub database_pooled: bool,
+
     /// Object store of the kind of S3 for meshes, networks, checkpoints and clouds, as in
     /// `s3://bucket/prefix?endpoint=https://s3.example&region=eu-1`; without it, they are in the
     /// data folder. The credentials are those of the environment (`AWS_…`).
@@ -144,12 +150,10 @@ impl FromStr for ObjectsUrl {
 }
 
 fn endpoint(text: &str) -> Result<Url, String> {
-    let url = Url::parse(text).map_err(|error| format!("endpoint {text}: {error}"))?;
+    let url = Url::parse(text).map_err(|error| format!("endpoint: {error}"))?;
     let bare = url.username().is_empty() && url.password().is_none() && url.query().is_none();
     if !["http", "https"].contains(&url.scheme()) || !bare || url.path() != "/" {
-        return Err(format!(
-            "endpoint {text}: must be as https://s3.example:9000"
-        ));
+        return Err("endpoint must be as https://s3.example:9000, without credentials".to_owned());
     }
     Ok(url)
 }

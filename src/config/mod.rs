@@ -9,6 +9,7 @@ mod database;
 mod file;
 mod list;
 mod problems;
+mod quiet;
 mod ttl;
 mod work;
 

@@ -71,6 +71,26 @@ pub enum Error {
          that folder, or another database"
     )]
     Elsewhere,
+    /// The rows of the folder are in another database now.
+    #[error(
+        "the rows of this folder were moved to {0}; serve that with --database, or let this folder be worked \
+         with again by `meshway move --take-back`: it has nothing of what happened since"
+    )]
+    Moved(String),
+    /// Rows and bytes are not moved, and why.
+    #[error("{0}")]
+    NotMoved(String),
+    /// The tables are for later versions of this program.
+    #[error(
+        "the tables need a program that knows migration {needs}, and this one knows {known} and no later \
+         one; use a newer version of it, as the others that work with this database do"
+    )]
+    Newer {
+        /// Number of the migration that a program must know.
+        needs: i64,
+        /// The last one that this program knows.
+        known: i64,
+    },
     /// The schema cannot be brought up to date.
     #[error("migrating the database: {0}")]
     Migration(Arc<sqlx::migrate::MigrateError>),
@@ -96,6 +116,9 @@ impl Error {
             | Self::SnapshotAtZero
             | Self::Inconsistent { .. }
             | Self::Elsewhere
+            | Self::Newer { .. }
+            | Self::Moved(_)
+            | Self::NotMoved(_)
             | Self::Migration(_)
             | Self::Database(_) => "internal",
         }

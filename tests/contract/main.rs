@@ -6,5 +6,6 @@ mod colors;
 mod command_line;
 mod deploy;
 mod likely_wrong;
+mod named;
 mod openapi;
 mod places;

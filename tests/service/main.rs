@@ -1,6 +1,7 @@
 //! Tests of the service. One binary, because linking libtorch is slow.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod checked;
 mod clock;
 mod cluster;
 mod cut;
@@ -13,11 +14,13 @@ mod full_disk;
 mod http;
 mod kind_jobs;
 mod medical_jobs;
+mod moved;
 mod nodes;
 mod objects;
 mod on_postgres;
 mod people;
 mod place;
+mod pooled;
 mod postgres;
 mod proxy;
 mod receiver;
@@ -31,6 +34,7 @@ mod swept;
 mod texts;
 mod trust;
 mod turns;
+mod upgraded;
 mod webhooks;
 mod who;
 mod wire;

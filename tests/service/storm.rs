@@ -334,7 +334,11 @@ async fn judge(node: &Node, jobs: &[String], seen: &BTreeMap<String, usize>) {
         let ids = stream.until(&kind).await;
         let all: Vec<i64> = (1..=ids.len() as i64).collect();
         assert_eq!(ids, all, "{id}");
-        assert_eq!(seen.get(id), Some(&all.len()), "{id} as it was seen on the way");
+        assert_eq!(
+            seen.get(id),
+            Some(&all.len()),
+            "{id} as it was seen on the way"
+        );
         if kind == "job.succeeded" {
             succeeded += 1;
             let mesh = node

@@ -32,6 +32,11 @@ pub(super) struct Arguments {
     /// Postgres database of the service, as `serve --database` names it.
     #[arg(long, global = true, env = "MESHWAY_DATABASE", hide_env_values = true)]
     database: Option<DatabaseUrl>,
+    /// Say that a pooler in transaction mode stands before the database.
+    #[arg(long, global = true, env = "MESHWAY_DATABASE_POOLED", num_args = 0..=1,
+          require_equals = true, default_value_t = false, default_missing_value = "true",
+          action = clap::ArgAction::Set)]
+    database_pooled: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -88,6 +93,7 @@ async fn open(arguments: &Arguments) -> Result<Store, Failure> {
             .database
             .as_ref()
             .map(|url| url.secret().to_owned()),
+        database_pooled: arguments.database_pooled,
         ..store::Options::default()
     };
     if let Some(database) = &arguments.database {

@@ -28,7 +28,7 @@ impl Session for Engine {
     fn db(&mut self) -> Db<'_> {
         match self {
             Self::Sqlite(db) => Db::Sqlite(db),
-            Self::Postgres(session) => Db::Postgres(session.db()),
+            Self::Postgres(session) => session.rows(),
         }
     }
 
@@ -77,7 +77,7 @@ impl Writer {
                 Box::pin(async move {
                     match tx.db {
                         Db::Sqlite(db) => give_back(db, keep).await,
-                        Db::Postgres(_) => Ok(keep),
+                        Db::Postgres(..) => Ok(keep),
                     }
                 })
             })

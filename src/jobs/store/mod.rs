@@ -12,7 +12,8 @@
 //! - `sqlite`: how the databases of the folder are opened, migrated, written and cleaned;
 //! - `postgres`: the same for the rows on a server, and how its clients hear of each other;
 //! - `content`: large content, and the rule that keeps rows and bytes together;
-//! - `records`: the rows, one file a noun.
+//! - `records`: the rows, one file a noun;
+//! - `migrate`, `check` and `moving`: what is done beside a service, by the command line.
 //!
 //! # Errors
 //!
@@ -24,8 +25,11 @@
     reason = "what all methods have in common is said once, above"
 )]
 
+mod check;
 mod content;
 mod engine;
+mod migrate;
+mod moving;
 mod names;
 mod open;
 mod options;
@@ -42,9 +46,11 @@ use std::sync::Arc;
 use futures_util::future::BoxFuture;
 use tokio::sync::watch;
 
+pub use check::{Checked, Damage, Finding, Named};
 pub use content::ballast::BALLAST_FILE;
 pub use content::clouds::LocalFile;
 pub use content::embedded::CHUNK_BYTES;
+pub use moving::{Bytes as MovedBytes, DERIVED, Moved, Sum, TABLES};
 pub use names::{Acts, Records};
 pub use options::{Options, Terms};
 pub use records::act::{Act, Outcome as AuditOutcome};
@@ -55,6 +61,7 @@ pub use records::meshes::MeshInfo;
 pub use records::nodes::{NewNode, Role};
 pub use records::queue::Waiting;
 pub use records::sessions::Session;
+pub use schema::Schema;
 pub use sqlite::origin::is_ours;
 
 use super::{Error, Result};
@@ -138,7 +145,7 @@ impl Store {
     pub fn terms(&self) -> Terms {
         match self.inner.readers {
             Readers::Sqlite(_) => LOCAL,
-            Readers::Postgres(_) => REMOTE,
+            Readers::Postgres(..) => REMOTE,
         }
     }
 

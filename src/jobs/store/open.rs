@@ -14,14 +14,13 @@ use super::content::objects::Objects;
 use super::content::{lift, place};
 use super::engine::{Engine, Writer};
 use super::postgres::notice::Notices;
-use super::postgres::{self, ServerClock, Session};
-use super::sql::{Db, Readers};
+use super::postgres::{Access, ServerClock, Session};
+use super::sql::{Db, Readers, scalar};
 use super::sqlite::shredder::Shredder;
 use super::sqlite::writer::ready;
 use super::sqlite::{MIGRATIONS, OPENING, connect_options, migrated, readers, writing};
-use super::writer::Session as _;
 use super::{DATABASE_FILE, Inner, Options, Store};
-use crate::jobs::Result;
+use crate::jobs::{Error, Result};
 
 /// The open database of the rows.
 struct Rows {
@@ -58,6 +57,13 @@ impl Store {
         let connect = connect_options(&data_dir.join(DATABASE_FILE), &options);
         let patience = OPENING * options.busy_timeout;
         let mut db = migrated(&writing(&connect), &MIGRATIONS, patience).await?;
+        let moved = "SELECT value FROM meta WHERE name = 'moved_to'";
+        let moved: Option<String> = scalar(moved)
+            .fetch_optional(&mut Db::Sqlite(&mut db))
+            .await?;
+        if let Some(to) = moved.filter(|_| !options.rows_only) {
+            return Err(Error::Moved(to));
+        }
         let objects = place::open(&mut Db::Sqlite(&mut db), data_dir, &options).await?;
         if !options.rows_only {
             lift::lift(&mut db, &objects).await?;
@@ -81,18 +87,18 @@ impl Store {
     ) -> Result<Self> {
         let clock = ServerClock::default();
         let committed = Arc::new(Notify::new());
-        let connect = postgres::connect_options(url)?;
-        let mut session = Session::open(&connect, clock.clone(), Arc::clone(&committed)).await?;
+        let access = Access::new(url, options.database_pooled)?;
+        let mut session = Session::open(&access, clock.clone(), Arc::clone(&committed)).await?;
         options
             .clock
             .get_or_insert_with(|| Arc::new(move || clock.now()));
         let options = Arc::new(options);
-        let objects = place::open(&mut Db::Postgres(session.db()), data_dir, &options).await?;
-        let pool = postgres::readers(&connect, &options);
-        let notices = Notices::start(&connect, pool.clone(), committed, &changed);
+        let objects = place::open(&mut session.rows(), data_dir, &options).await?;
+        let pool = access.readers(&options);
+        let notices = access.notices(pool.clone(), committed, &changed);
         let rows = Rows {
             engine: Engine::Postgres(Box::new(session)),
-            readers: Readers::Postgres(pool),
+            readers: Readers::Postgres(pool, access.protocol()),
             notices: Some(notices),
             logs: Vec::new(),
         };

@@ -40,6 +40,8 @@ pub struct Options {
     /// Address of a Postgres database for the rows, with its password where that is not in the
     /// environment; none: `SQLite` in the data folder.
     pub database: Option<String>,
+    /// A pooler is between here and it, which hands each transaction to a session of its own choice.
+    pub database_pooled: bool,
 }
 
 impl Options {
@@ -66,6 +68,7 @@ impl Default for Options {
             ballast_bytes: 0,
             clock: None,
             database: None,
+            database_pooled: false,
         }
     }
 }

@@ -208,11 +208,11 @@ impl Bench {
 
 fn options(clock: &Arc<AtomicI64>, database: Option<&String>) -> Options {
     let clock = Arc::clone(clock);
-    Options {
+    crate::pooled::perhaps(Options {
         clock: Some(Arc::new(move || clock.load(Ordering::SeqCst))),
         database: database.cloned(),
         ..Options::default()
-    }
+    })
 }
 
 pub(crate) fn new_cloud(sha256: &str) -> NewCloud {

@@ -249,7 +249,7 @@ impl Transaction<'_> {
     }
 }
 
-pub(super) async fn is_named<'e>(db: impl Into<On<'e>>, key: &str) -> Result<bool> {
+pub(in crate::jobs::store) async fn is_named<'e>(db: impl Into<On<'e>>, key: &str) -> Result<bool> {
     let select = "SELECT EXISTS (SELECT 1 FROM meshes WHERE object = ?1)
                       OR EXISTS (SELECT 1 FROM models WHERE object = ?1)
                       OR EXISTS (SELECT 1 FROM checkpoints WHERE object = ?1)

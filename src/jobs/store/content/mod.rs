@@ -9,3 +9,4 @@ pub(in crate::jobs::store) mod graves;
 pub(in crate::jobs::store) mod lift;
 pub(in crate::jobs::store) mod objects;
 pub(in crate::jobs::store) mod place;
+pub(in crate::jobs::store) mod shelf;

@@ -30,7 +30,7 @@ pub(in crate::jobs::store) async fn open(
                 "the content of this folder is in the object store {used}; name it with --objects"
             )));
         }
-        if let (Db::Postgres(db), false) = (&mut *db, options.rows_only) {
+        if matches!(db, Db::Postgres(..)) && !options.rows_only {
             home::settle(db, data_dir).await?;
         }
         return Ok(Objects::Embedded(Embedded::open(data_dir, options).await?));
@@ -48,7 +48,8 @@ pub(in crate::jobs::store) async fn open(
         let id: String = scalar(select).fetch_one(&mut *db).await?;
         bucket.take(&id, used.is_some()).await?;
         if !options.only_works {
-            if let Db::Postgres(db) = &mut *db {
+            let on_server = matches!(db, Db::Postgres(..));
+            if on_server {
                 home::check(db, data_dir).await?;
             }
             let upsert = "INSERT INTO meta (name, value) VALUES ('objects', ?1)
@@ -56,7 +57,7 @@ pub(in crate::jobs::store) async fn open(
             let url = bucket.url().to_string();
             query(upsert).bind(url).execute(&mut *db).await?;
             bring::all(db, data_dir, options, &bucket).await?;
-            if let Db::Postgres(db) = &mut *db {
+            if on_server {
                 home::leave(db).await?;
             }
         }

@@ -6,10 +6,10 @@ use std::fs;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
 
-use sqlx::PgConnection;
 use tempfile::NamedTempFile;
 use uuid::Uuid;
 
+use crate::jobs::store::sql::{Db, query, scalar};
 use crate::jobs::{Error, Result};
 
 /// File with the name that the folder has for its database.
@@ -19,12 +19,12 @@ const NAME_FILE: &str = "home";
 ///
 /// # Errors
 /// `Elsewhere` if it has another one; `Full` if the folder cannot be written.
-pub(in crate::jobs::store) async fn settle(db: &mut PgConnection, folder: &Path) -> Result<()> {
+pub(in crate::jobs::store) async fn settle(db: &mut Db<'_>, folder: &Path) -> Result<()> {
     let own = name_of(folder).map_err(|error| Error::Full(error.to_string()))?;
-    let insert = "INSERT INTO meta (name, value) VALUES ('folder', $1) ON CONFLICT DO NOTHING";
-    sqlx::query(insert).bind(&own).execute(&mut *db).await?;
+    let insert = "INSERT INTO meta (name, value) VALUES ('folder', ?1) ON CONFLICT DO NOTHING";
+    query(insert).bind(&own).execute(&mut *db).await?;
     let select = "SELECT value FROM meta WHERE name = 'folder'";
-    let home: String = sqlx::query_scalar(select).fetch_one(db).await?;
+    let home: String = scalar(select).fetch_one(db).await?;
     if home == own {
         Ok(())
     } else {
@@ -35,26 +35,34 @@ pub(in crate::jobs::store) async fn settle(db: &mut PgConnection, folder: &Path)
 /// Whether the database may be served from the folder: it has none, or this one.
 ///
 /// # Errors
-/// `Elsewhere` if it has another one; `Full` if the folder cannot be read.
-pub(in crate::jobs::store) async fn check(db: &mut PgConnection, folder: &Path) -> Result<()> {
+/// `Elsewhere` if it has another one.
+pub(in crate::jobs::store) async fn check(db: &mut Db<'_>, folder: &Path) -> Result<()> {
     let select = "SELECT value FROM meta WHERE name = 'folder'";
-    let home: Option<String> = sqlx::query_scalar(select).fetch_optional(db).await?;
-    let own = name_of(folder).map_err(|error| Error::Full(error.to_string()))?;
+    let home: Option<String> = scalar(select).fetch_optional(db).await?;
+    find(home.as_deref(), folder)
+}
+
+/// Finds that a folder is the one of the database, without changing either. `home`: what the database says.
+///
+/// # Errors
+/// `Elsewhere` if it is not.
+pub(in crate::jobs::store) fn find(home: Option<&str>, folder: &Path) -> Result<()> {
+    let own = fs::read_to_string(folder.join(NAME_FILE)).ok();
     match home {
-        Some(home) if home != own => Err(Error::Elsewhere),
+        Some(home) if own.as_deref() != Some(home) => Err(Error::Elsewhere),
         _ => Ok(()),
     }
 }
 
 /// The database has no folder any more: nothing that its rows name is in one.
-pub(in crate::jobs::store) async fn leave(db: &mut PgConnection) -> Result<()> {
+pub(in crate::jobs::store) async fn leave(db: &mut Db<'_>) -> Result<()> {
     let delete = "DELETE FROM meta WHERE name = 'folder'";
-    sqlx::query(delete).execute(db).await?;
+    query(delete).execute(db).await?;
     Ok(())
 }
 
 /// The name of a folder, which is made at its first use.
-fn name_of(folder: &Path) -> std::io::Result<String> {
+pub(in crate::jobs::store) fn name_of(folder: &Path) -> std::io::Result<String> {
     let file = folder.join(NAME_FILE);
     match fs::read_to_string(&file) {
         Err(error) if error.kind() == ErrorKind::NotFound => {

@@ -9,10 +9,11 @@
 //! The lock is not held while the server's disk works, or one flush after the other would be all that
 //! many processes can write: the commit itself waits for no disk, and then the process waits for the
 //! flush of all that is before it, together with the others. Only then is anybody answered. What a reader
-//! sees may be lost until then, so whoever tells of it or removes bytes for good waits, too: [`FLUSH`].
+//! sees may be lost until then, so whoever tells of it or removes bytes for good waits, too: [`FLUSH`](crate::jobs::store::sql::FLUSH).
 
 pub(in crate::jobs::store) mod home;
 pub(in crate::jobs::store) mod notice;
+pub(in crate::jobs::store) mod schema;
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -21,15 +22,15 @@ use std::time::Duration;
 
 use sqlx::postgres::{PgConnectOptions, PgConnection, PgPool, PgPoolOptions, PgRow};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection, Row};
-use tokio::sync::Notify;
+use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
 use uuid::Uuid;
 
-use crate::jobs::store::schema::migrator;
-use crate::jobs::store::sql::{FLUSH, in_time};
+use crate::jobs::store::sql::{Db, FLUSH, Protocol, in_time, scalar};
 use crate::jobs::store::writer::Session as _;
 use crate::jobs::store::{Options, writer};
 use crate::jobs::{Error, Result, clock};
+use notice::Notices;
 
 /// Connections that read: each costs the server more than a megabyte.
 const READERS: u32 = 4;
@@ -41,11 +42,23 @@ const PREPARED: usize = 400;
 const SETTINGS: &str = "SET statement_timeout = '5s'; SET lock_timeout = '5s';
     SET idle_in_transaction_session_timeout = '5s'";
 
-/// Begins a transaction, waits for those of all other processes, and then asks for the time. The number of
-/// the lock is ours alone.
+/// The same for one transaction, where the next one may be in another session.
+const POOLED_BEGIN: &str = "BEGIN; SET LOCAL synchronous_commit = off;
+    SET LOCAL statement_timeout = '5s'; SET LOCAL lock_timeout = '5s';
+    SET LOCAL idle_in_transaction_session_timeout = '5s';
+    SELECT pg_advisory_xact_lock(5715126710434267),
+    CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT);
+    SELECT COALESCE(MAX(version), 0) FROM _sqlx_migrations";
+
+/// Waits for the transactions that write of all other processes. The number of the lock is ours alone.
+pub(in crate::jobs::store) const LOCK: &str = "SELECT pg_advisory_xact_lock(5715126710434267)";
+
+/// Begins a transaction, waits for those of all other processes, and then asks for the time. Then, nobody else
+/// being able to change that, how far the tables are.
 const BEGIN: &str = "BEGIN; SET LOCAL synchronous_commit = off;
     SELECT pg_advisory_xact_lock(5715126710434267),
-    CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)";
+    CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT);
+    SELECT COALESCE(MAX(version), 0) FROM _sqlx_migrations";
 
 /// How long the row of a process is kept that writes nothing, in milliseconds.
 const WRITER_LASTS_MS: i64 = 24 * 60 * 60 * 1_000;
@@ -54,29 +67,74 @@ const WRITER_LASTS_MS: i64 = 24 * 60 * 60 * 1_000;
 const UNCERTAIN: Duration = Duration::from_secs(20);
 const PAUSE: Duration = Duration::from_millis(250);
 
-const MIGRATIONS: [(&str, &str); 3] = [
-    (
-        "init",
-        include_str!("../../../../migrations/postgres/0001_init.sql"),
-    ),
-    (
-        "nodes",
-        include_str!("../../../../migrations/postgres/0002_nodes.sql"),
-    ),
-    (
-        "histories",
-        include_str!("../../../../migrations/postgres/0003_histories.sql"),
-    ),
-];
+/// How the server is reached.
+#[derive(Clone)]
+pub(in crate::jobs::store) struct Access {
+    connect: PgConnectOptions,
+    /// What is between hands each transaction to a session of its own choice.
+    pooled: bool,
+}
 
-/// How the server is connected to. Passwords may come from the environment, as for other clients.
-///
-/// # Errors
-/// `Database` if it is no address.
-pub(in crate::jobs::store) fn connect_options(url: &str) -> Result<PgConnectOptions> {
-    Ok(PgConnectOptions::from_str(url)?
-        .statement_cache_capacity(PREPARED)
-        .disable_statement_logging())
+impl Access {
+    /// Passwords may come from the environment, as for other clients.
+    ///
+    /// # Errors
+    /// `Database` if it is no address.
+    pub(in crate::jobs::store) fn new(url: &str, pooled: bool) -> Result<Self> {
+        let connect = PgConnectOptions::from_str(url)?.disable_statement_logging();
+        let connect = if pooled {
+            // Poolers refuse what they do not keep apart for their clients.
+            connect.statement_cache_capacity(0).extra_float_digits(None)
+        } else {
+            connect.statement_cache_capacity(PREPARED)
+        };
+        Ok(Self { connect, pooled })
+    }
+
+    /// How statements are told to it.
+    pub(in crate::jobs::store) fn protocol(&self) -> Protocol {
+        if self.pooled {
+            Protocol::Whole
+        } else {
+            Protocol::Prepared
+        }
+    }
+
+    /// A connection without any limits of time.
+    ///
+    /// # Errors
+    /// `Database` where the server cannot be reached, with why.
+    pub(in crate::jobs::store) async fn connect(&self) -> Result<PgConnection> {
+        let connected = self.connect.connect().await;
+        connected.map_err(|error| Error::Database(Arc::new(error)))
+    }
+
+    /// Connections that read. None is made before the first read.
+    pub(in crate::jobs::store) fn readers(&self, options: &Options) -> PgPool {
+        let pool = PgPoolOptions::new()
+            .max_connections(READERS)
+            .acquire_timeout(options.busy_timeout);
+        let pool = if self.pooled {
+            pool
+        } else {
+            pool.after_connect(|db, _| Box::pin(set_up(db)))
+        };
+        pool.connect_lazy_with(self.connect.clone())
+    }
+
+    /// How processes hear of each other: by notices, or by looking.
+    pub(in crate::jobs::store) fn notices(
+        &self,
+        senders: PgPool,
+        committed: Arc<Notify>,
+        changed: &watch::Sender<u64>,
+    ) -> Notices {
+        if self.pooled {
+            Notices::polled(changed)
+        } else {
+            Notices::start(&self.connect, senders, committed, changed)
+        }
+    }
 }
 
 /// The clock of the server, read off that of the machine: their difference is seen with each
@@ -99,13 +157,15 @@ impl ServerClock {
 
 /// The connection that writes.
 pub(in crate::jobs::store) struct Session {
-    connect: PgConnectOptions,
+    access: Access,
     db: PgConnection,
     /// It is of no use any more: the next transaction needs another one.
     lost: bool,
     /// Its row in `writers`, and the number of its last commit.
     name: String,
     commits: i64,
+    /// The last migration that the tables had gone through then.
+    version: i64,
     clock: ServerClock,
     committed: Arc<Notify>,
 }
@@ -117,35 +177,41 @@ impl Session {
     /// `Database` where the server cannot be reached, with why; `Migration` if the schema is of a later
     /// version.
     pub(in crate::jobs::store) async fn open(
-        connect: &PgConnectOptions,
+        access: &Access,
         clock: ServerClock,
         committed: Arc<Notify>,
     ) -> Result<Self> {
-        let unreachable = |error| Error::Database(Arc::new(error));
-        let mut db = connect.connect().await.map_err(unreachable)?;
-        migrate(&mut db).await?;
-        set_up(&mut db).await?;
+        let mut db = access.connect().await?;
+        schema::migrate(&mut db).await?;
+        access.set_up(&mut db).await?;
         let select = "SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)";
-        let now: i64 = sqlx::query_scalar(select).fetch_one(&mut db).await?;
+        let row = sqlx::raw_sql(select).fetch_one(&mut db).await?;
+        let now: i64 = row.try_get(0)?;
         clock.set(now);
-        let delete = "DELETE FROM writers WHERE at < $1";
-        let delete = sqlx::query(delete).bind(now - WRITER_LASTS_MS);
-        delete.execute(&mut db).await?;
+        let before = now - WRITER_LASTS_MS;
+        let delete = AssertSqlSafe(format!("DELETE FROM writers WHERE at < {before}"));
+        sqlx::raw_sql(delete).execute(&mut db).await?;
         Ok(Self {
-            connect: connect.clone(),
+            access: access.clone(),
             db,
             lost: false,
             name: Uuid::now_v7().to_string(),
             commits: 0,
+            version: 0,
             clock,
             committed,
         })
     }
 
+    /// What statements run on.
+    pub(in crate::jobs::store) fn rows(&mut self) -> Db<'_> {
+        Db::Postgres(&mut self.db, self.access.protocol())
+    }
+
     async fn connect(&mut self) -> Result<()> {
         let connected = async {
-            let mut db = self.connect.connect().await?;
-            set_up(&mut db).await?;
+            let mut db = self.access.connect.connect().await?;
+            self.access.set_up(&mut db).await?;
             Ok(db)
         };
         self.db = in_time(connected).await?;
@@ -159,13 +225,12 @@ impl Session {
         while start.elapsed() < UNCERTAIN {
             let asked = async {
                 self.connect().await?;
+                self.run("BEGIN").await?;
                 // Where the server has not noticed yet that the connection is gone, this waits for its end.
-                let begun = async { Ok(sqlx::raw_sql(BEGIN).execute(&mut self.db).await?) };
-                in_time(begun).await?;
-                let select = "SELECT commits FROM writers WHERE name = $1";
-                let commits = sqlx::query_scalar(select).bind(&self.name);
-                let commits = async { Ok(commits.fetch_optional(&mut self.db).await?) };
-                let commits: Option<i64> = in_time(commits).await?;
+                self.run(LOCK).await?;
+                let commits = scalar("SELECT commits FROM writers WHERE name = ?1");
+                let commits = commits.bind(self.name.clone());
+                let commits: Option<i64> = commits.fetch_optional(&mut self.rows()).await?;
                 self.run("ROLLBACK").await?;
                 self.run(FLUSH).await?;
                 Ok::<_, Error>(commits)
@@ -204,9 +269,23 @@ impl writer::Session for Session {
         if self.lost {
             self.connect().await?;
         }
-        let begun = async { Ok(sqlx::raw_sql(BEGIN).fetch_one(&mut self.db).await?) };
-        let row: PgRow = in_time(begun).await?;
+        let begin = if self.access.pooled {
+            POOLED_BEGIN
+        } else {
+            BEGIN
+        };
+        let begun = async { Ok(sqlx::raw_sql(begin).fetch_all(&mut self.db).await?) };
+        let rows: Vec<PgRow> = in_time(begun).await?;
+        let [row, version] = rows.as_slice() else {
+            return Err(Error::Busy);
+        };
         self.clock.set(row.try_get(1)?);
+        let version: i64 = version.try_get(0)?;
+        if version != self.version {
+            // Statements that were prepared before a newer program changed the tables are refused.
+            in_time(async { Ok(self.db.clear_cached_statements().await?) }).await?;
+            self.version = version;
+        }
         Ok(())
     }
 
@@ -238,23 +317,18 @@ impl writer::Session for Session {
     }
 }
 
-/// Connections that read. None is made before the first read.
-pub(in crate::jobs::store) fn readers(connect: &PgConnectOptions, options: &Options) -> PgPool {
-    PgPoolOptions::new()
-        .max_connections(READERS)
-        .acquire_timeout(options.busy_timeout)
-        .after_connect(|db, _| Box::pin(set_up(db)))
-        .connect_lazy_with(connect.clone())
+impl Access {
+    async fn set_up(&self, db: &mut PgConnection) -> sqlx::Result<()> {
+        if self.pooled {
+            Ok(())
+        } else {
+            set_up(db).await
+        }
+    }
 }
 
 /// Not told when connecting: poolers between here and the server refuse it there.
 async fn set_up(db: &mut PgConnection) -> sqlx::Result<()> {
     sqlx::raw_sql(SETTINGS).execute(db).await?;
     Ok(())
-}
-
-/// Brings the schema up to date, under a lock: processes that start together wait for the first.
-async fn migrate(db: &mut PgConnection) -> Result<()> {
-    let migrator = migrator(&MIGRATIONS, false);
-    Ok(migrator.run_direct(None, db, false).await?)
 }

@@ -23,7 +23,7 @@ const POLL: Duration = Duration::from_secs(1);
 
 /// Tells others of this process's commits, and `changed` of theirs.
 pub(in crate::jobs::store) struct Notices {
-    tasks: [AbortOnDropHandle<()>; 3],
+    tasks: Vec<AbortOnDropHandle<()>>,
 }
 
 impl Notices {
@@ -45,7 +45,15 @@ impl Notices {
             tokio::spawn(poll(changed.clone())),
         ];
         Self {
-            tasks: tasks.map(AbortOnDropHandle::new),
+            tasks: tasks.map(AbortOnDropHandle::new).into(),
+        }
+    }
+
+    /// As [`Notices::start`] where no session stays that could be told: others are only seen.
+    pub(in crate::jobs::store) fn polled(changed: &watch::Sender<u64>) -> Self {
+        let poll = tokio::spawn(poll(changed.clone()));
+        Self {
+            tasks: vec![AbortOnDropHandle::new(poll)],
         }
     }
 

@@ -247,7 +247,8 @@ impl Transaction<'_> {
         .execute(&mut self.db)
         .await?;
         for (key, value) in &new.labels {
-            let insert = "INSERT INTO job_labels (tenant, key, value, job_id) VALUES (?1, ?2, ?3, ?4)";
+            let insert =
+                "INSERT INTO job_labels (tenant, key, value, job_id) VALUES (?1, ?2, ?3, ?4)";
             query(insert)
                 .bind(caller.tenant.as_str())
                 .bind(key)

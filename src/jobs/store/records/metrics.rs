@@ -131,7 +131,7 @@ pub(super) fn histogram_of(row: &Row) -> Result<GradientHistogram> {
 
 pub(super) fn metrics_of(row: &Row) -> Result<Metrics> {
     let columns = Columns::new("metrics", row);
-    let weight_norms: &[u8] = columns.get("weight_norms")?;
+    let weight_norms: Vec<u8> = columns.get("weight_norms")?;
     let (norms, rest) = weight_norms.as_chunks::<8>();
     if !rest.is_empty() {
         return Err(Error::inconsistent("metrics", "weight_norms")(

@@ -8,6 +8,7 @@ pub(in crate::jobs::store) mod checkpoints;
 pub(in crate::jobs::store) mod clouds;
 pub(in crate::jobs::store) mod deliveries;
 pub(in crate::jobs::store) mod events;
+pub(in crate::jobs::store) mod handover;
 pub(in crate::jobs::store) mod history;
 pub(in crate::jobs::store) mod idempotency;
 pub(in crate::jobs::store) mod jobs;

@@ -26,31 +26,41 @@ pub(in crate::jobs::store) async fn in_time<T>(work: impl Future<Output = Result
     result.unwrap_or(Err(Error::Busy))
 }
 
+/// How statements are told to Postgres.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::jobs::store) enum Protocol {
+    /// Each is prepared once a connection, and gets its values apart.
+    Prepared,
+    /// Each is one message with its values in it: behind a pooler the next message may reach another
+    /// session, which knows nothing of what was prepared.
+    Whole,
+}
+
 /// A connection, with a transaction that its owner began.
 pub(in crate::jobs::store) enum Db<'c> {
     Sqlite(&'c mut SqliteConnection),
-    Postgres(&'c mut PgConnection),
+    Postgres(&'c mut PgConnection, Protocol),
 }
 
 /// Connections that read.
 #[derive(Clone)]
 pub(in crate::jobs::store) enum Readers {
     Sqlite(SqlitePool),
-    Postgres(PgPool),
+    Postgres(PgPool, Protocol),
 }
 
 /// Reads that see the same moment.
 pub(in crate::jobs::store) enum Snapshot {
     Sqlite(Transaction<'static, Sqlite>),
-    Postgres(Transaction<'static, Postgres>),
+    Postgres(Transaction<'static, Postgres>, Protocol),
 }
 
 /// What one statement runs on.
 pub(in crate::jobs::store) enum On<'e> {
     Sqlite(&'e mut SqliteConnection),
     SqlitePool(&'e SqlitePool),
-    Postgres(&'e mut PgConnection),
-    PostgresPool(&'e PgPool),
+    Postgres(&'e mut PgConnection, Protocol),
+    PostgresPool(&'e PgPool, Protocol),
 }
 
 impl Readers {
@@ -59,15 +69,16 @@ impl Readers {
         const SNAPSHOT: &str = "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY";
         Ok(match self {
             Self::Sqlite(pool) => Snapshot::Sqlite(pool.begin().await?),
-            Self::Postgres(pool) => {
-                Snapshot::Postgres(pool.begin_with(SNAPSHOT.into_sql_str()).await?)
+            Self::Postgres(pool, protocol) => {
+                let begun = pool.begin_with(SNAPSHOT.into_sql_str()).await?;
+                Snapshot::Postgres(begun, *protocol)
             }
         })
     }
 
     /// Waits until the server's disk has all that was read. `SQLite` shows nothing before.
     pub(in crate::jobs::store) async fn settle(&self) -> Result<()> {
-        let Self::Postgres(pool) = self else {
+        let Self::Postgres(pool, _) = self else {
             return Ok(());
         };
         in_time(async {
@@ -81,7 +92,7 @@ impl Readers {
     pub(in crate::jobs::store) async fn close(&self) {
         match self {
             Self::Sqlite(pool) => pool.close().await,
-            Self::Postgres(pool) => pool.close().await,
+            Self::Postgres(pool, _) => pool.close().await,
         }
     }
 }
@@ -91,7 +102,7 @@ impl Snapshot {
     pub(in crate::jobs::store) fn db(&mut self) -> Db<'_> {
         match self {
             Self::Sqlite(transaction) => Db::Sqlite(transaction),
-            Self::Postgres(transaction) => Db::Postgres(transaction),
+            Self::Postgres(transaction, protocol) => Db::Postgres(transaction, *protocol),
         }
     }
 }
@@ -100,7 +111,7 @@ impl<'e> From<&'e mut Db<'_>> for On<'e> {
     fn from(db: &'e mut Db<'_>) -> Self {
         match db {
             Db::Sqlite(db) => Self::Sqlite(db),
-            Db::Postgres(db) => Self::Postgres(db),
+            Db::Postgres(db, protocol) => Self::Postgres(db, *protocol),
         }
     }
 }
@@ -109,7 +120,7 @@ impl<'e> From<&'e Readers> for On<'e> {
     fn from(readers: &'e Readers) -> Self {
         match readers {
             Readers::Sqlite(pool) => Self::SqlitePool(pool),
-            Readers::Postgres(pool) => Self::PostgresPool(pool),
+            Readers::Postgres(pool, protocol) => Self::PostgresPool(pool, *protocol),
         }
     }
 }

@@ -11,14 +11,14 @@ mod row;
 mod text;
 mod value;
 
-use sqlx::postgres::PgArguments;
+use sqlx::postgres::{PgArguments, PgConnection, PgPool, Postgres};
 use sqlx::sqlite::SqliteArguments;
-use sqlx::{Arguments, Database, Executor, IntoArguments, SqlStr};
+use sqlx::{Arguments, Connection, Database, Executor, IntoArguments, SqlStr};
 
-pub(in crate::jobs::store) use db::{Db, FLUSH, On, Readers, in_time};
+pub(in crate::jobs::store) use db::{Db, FLUSH, On, Protocol, Readers, in_time};
 pub(in crate::jobs::store) use row::{Column, Row};
 pub(in crate::jobs::store) use text::{Text, either};
-pub(in crate::jobs::store) use value::Value;
+pub(in crate::jobs::store) use value::{NO_NUL, Value};
 
 use crate::jobs::{Error, Result};
 
@@ -42,6 +42,21 @@ pub(in crate::jobs::store) fn scalar<'q>(text: impl Into<Text>) -> Scalar<'q> {
     Scalar(query(text))
 }
 
+/// What is wanted of a statement.
+#[derive(Debug, Clone, Copy)]
+enum Wanted {
+    Count,
+    All,
+    First,
+}
+
+/// What came of it.
+#[derive(Default)]
+struct Answer {
+    count: u64,
+    rows: Vec<Row>,
+}
+
 /// What a statement did that has no rows.
 pub(in crate::jobs::store) struct Done {
     rows: u64,
@@ -62,16 +77,22 @@ impl<'q> Query<'q> {
     }
 
     pub(in crate::jobs::store) async fn execute<'e>(self, on: impl Into<On<'e>>) -> Result<Done> {
+        use Protocol::{Prepared, Whole};
         let rows = match on.into() {
             On::Sqlite(db) => execute(self.sqlite()?, db).await?.rows_affected(),
             On::SqlitePool(pool) => execute(self.sqlite()?, pool).await?.rows_affected(),
-            On::Postgres(db) => in_time(execute(self.postgres()?, db))
-                .await?
-                .rows_affected(),
-            On::PostgresPool(pool) => {
-                let done = in_time(execute(self.postgres()?, pool)).await?;
-                done.rows_affected()
+            On::Postgres(db, Prepared) => {
+                in_time(Box::pin(self.afresh(db, Wanted::Count)))
+                    .await?
+                    .count
             }
+            On::PostgresPool(pool, Prepared) => {
+                in_time(Box::pin(self.again(pool, Wanted::Count)))
+                    .await?
+                    .count
+            }
+            On::Postgres(db, Whole) => in_time(Box::pin(run(self.whole(), db))).await?,
+            On::PostgresPool(pool, Whole) => in_time(Box::pin(run(self.whole(), pool))).await?,
         };
         Ok(Done { rows })
     }
@@ -80,11 +101,18 @@ impl<'q> Query<'q> {
         self,
         on: impl Into<On<'e>>,
     ) -> Result<Vec<Row>> {
+        use Protocol::{Prepared, Whole};
         match on.into() {
             On::Sqlite(db) => all(self.sqlite()?, db).await,
             On::SqlitePool(pool) => all(self.sqlite()?, pool).await,
-            On::Postgres(db) => in_time(all(self.postgres()?, db)).await,
-            On::PostgresPool(pool) => in_time(all(self.postgres()?, pool)).await,
+            On::Postgres(db, Prepared) => {
+                Ok(in_time(Box::pin(self.afresh(db, Wanted::All))).await?.rows)
+            }
+            On::PostgresPool(pool, Prepared) => {
+                Ok(in_time(Box::pin(self.again(pool, Wanted::All))).await?.rows)
+            }
+            On::Postgres(db, Whole) => in_time(Box::pin(rows(self.whole(), db))).await,
+            On::PostgresPool(pool, Whole) => in_time(Box::pin(rows(self.whole(), pool))).await,
         }
     }
 
@@ -92,11 +120,20 @@ impl<'q> Query<'q> {
         self,
         on: impl Into<On<'e>>,
     ) -> Result<Option<Row>> {
+        use Protocol::{Prepared, Whole};
         match on.into() {
             On::Sqlite(db) => optional(self.sqlite()?, db).await,
             On::SqlitePool(pool) => optional(self.sqlite()?, pool).await,
-            On::Postgres(db) => in_time(optional(self.postgres()?, db)).await,
-            On::PostgresPool(pool) => in_time(optional(self.postgres()?, pool)).await,
+            On::Postgres(db, Prepared) => {
+                let found = in_time(Box::pin(self.afresh(db, Wanted::First))).await?;
+                Ok(found.rows.into_iter().next())
+            }
+            On::PostgresPool(pool, Prepared) => {
+                let found = in_time(Box::pin(self.again(pool, Wanted::First))).await?;
+                Ok(found.rows.into_iter().next())
+            }
+            On::Postgres(db, Whole) => in_time(Box::pin(row(self.whole(), db))).await,
+            On::PostgresPool(pool, Whole) => in_time(Box::pin(row(self.whole(), pool))).await,
         }
     }
 
@@ -115,14 +152,83 @@ impl<'q> Query<'q> {
         Ok((self.text.for_sqlite(), arguments))
     }
 
-    fn postgres(self) -> Result<(SqlStr, PgArguments)> {
+    fn postgres(&self) -> Result<(SqlStr, PgArguments)> {
         let mut arguments = PgArguments::default();
         arguments.reserve(self.values.len(), 0);
-        for value in self.values {
-            value.without_nul().add_to(&mut arguments)?;
+        for value in &self.values {
+            value.borrowed().without_nul().add_to(&mut arguments)?;
         }
         Ok((self.text.for_postgres(), arguments))
     }
+
+    /// Runs it on a connection. What that kept prepared of tables that have changed since is forgotten.
+    ///
+    /// # Errors
+    /// `Busy` if the tables have changed; the transaction has failed then.
+    async fn afresh(&self, db: &mut PgConnection, wanted: Wanted) -> Result<Answer> {
+        match self.on_postgres(db, wanted).await {
+            Err(error) if is_outdated(&error) => {
+                db.clear_cached_statements().await?;
+                Err(Error::Busy)
+            }
+            result => result,
+        }
+    }
+
+    /// The same outside of a transaction: it is asked once more.
+    async fn again(&self, pool: &PgPool, wanted: Wanted) -> Result<Answer> {
+        let mut db = pool.acquire().await?;
+        match self.on_postgres(&mut db, wanted).await {
+            Err(error) if is_outdated(&error) => {
+                db.clear_cached_statements().await?;
+                self.on_postgres(&mut db, wanted).await
+            }
+            result => result,
+        }
+    }
+
+    async fn on_postgres(&self, db: &mut PgConnection, wanted: Wanted) -> Result<Answer> {
+        let statement = self.postgres()?;
+        let mut answer = Answer::default();
+        match wanted {
+            Wanted::Count => answer.count = execute(statement, db).await?.rows_affected(),
+            Wanted::All => answer.rows = all(statement, db).await?,
+            Wanted::First => answer.rows.extend(optional(statement, db).await?),
+        }
+        Ok(answer)
+    }
+
+    /// The statement with its values in it, for Postgres.
+    fn whole(self) -> SqlStr {
+        let values = self.values.into_iter().map(Value::without_nul);
+        let literals: Vec<String> = values.map(|value| value.literal()).collect();
+        self.text.with_literals(&literals)
+    }
+}
+
+/// Whether a statement was prepared before its tables got another column: "cached plan must not change
+/// result type", before anything is done.
+fn is_outdated(error: &Error) -> bool {
+    let Error::Database(error) = error else {
+        return false;
+    };
+    let error = error.as_database_error();
+    error.is_some_and(|error| error.code().as_deref() == Some("0A000"))
+}
+
+/// A statement with its values in it, as one message.
+async fn run<'e>(text: SqlStr, db: impl Executor<'e, Database = Postgres>) -> Result<u64> {
+    Ok(sqlx::raw_sql(text).execute(db).await?.rows_affected())
+}
+
+async fn rows<'e>(text: SqlStr, db: impl Executor<'e, Database = Postgres>) -> Result<Vec<Row>> {
+    let rows = sqlx::raw_sql(text).fetch_all(db).await?;
+    Ok(rows.into_iter().map(Into::into).collect())
+}
+
+async fn row<'e>(text: SqlStr, db: impl Executor<'e, Database = Postgres>) -> Result<Option<Row>> {
+    let row = sqlx::raw_sql(text).fetch_optional(db).await?;
+    Ok(row.map(Into::into))
 }
 
 /// A statement of which the first column is asked, and its values.

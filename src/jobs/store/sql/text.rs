@@ -48,17 +48,49 @@ impl Text {
         // Of a text of ours nothing is changed but what is said above.
         AssertSqlSafe(text).into_sql_str()
     }
+
+    /// With values in it, as [`Value::literal`] writes them.
+    ///
+    /// [`Value::literal`]: super::Value::literal
+    pub(super) fn with_literals(self, literals: &[String]) -> SqlStr {
+        let text = with_literals(&without_indexes(self.postgres), literals);
+        // The values are literals, whatever is in them.
+        AssertSqlSafe(text).into_sql_str()
+    }
 }
 
-/// Writes `?1` as `$1`, and leaves out which index is to be used.
-fn for_postgres(text: &str) -> String {
+/// Writes each `?N` as the literal of that number.
+fn with_literals(text: &str, literals: &[String]) -> String {
+    let mut parts = text.split('?');
+    let mut written = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let end = part.find(|c: char| !c.is_ascii_digit());
+        let (number, rest) = part.split_at(end.unwrap_or(part.len()));
+        let place = number.parse::<usize>().ok().and_then(|n| n.checked_sub(1));
+        // A parameter without a value stays as it is, and the server refuses it.
+        match place.and_then(|place| literals.get(place)) {
+            Some(literal) => written.push_str(literal),
+            None => written.extend(["?", number]),
+        }
+        written.push_str(rest);
+    }
+    written
+}
+
+/// Leaves out which index is to be used.
+fn without_indexes(text: &str) -> String {
     let mut parts = text.split(INDEX);
     let mut written = parts.next().unwrap_or_default().to_owned();
     for part in parts {
         let name = part.find(|c: char| !c.is_alphanumeric() && c != '_');
         written.push_str(&part[name.unwrap_or(part.len())..]);
     }
-    written.replace('?', "$")
+    written
+}
+
+/// Writes `?1` as `$1`, and leaves out which index is to be used.
+fn for_postgres(text: &str) -> String {
+    without_indexes(text).replace('?', "$")
 }
 
 #[cfg(test)]
@@ -76,5 +108,15 @@ mod tests {
             "SELECT a FROM b"
         );
         assert_eq!(for_postgres("(b INDEXED BY c) d"), "(b) d");
+    }
+
+    #[test]
+    fn values_take_the_places_of_their_parameters() {
+        let literals: Vec<String> = (1..=12).map(|n| format!("E'?{n}'")).collect();
+        assert_eq!(
+            with_literals("a = ?1 AND (b = ?12 OR c = ?1)", &literals),
+            "a = E'?1' AND (b = E'?12' OR c = E'?1')"
+        );
+        assert_eq!(with_literals("a = ?13", &literals), "a = ?13");
     }
 }

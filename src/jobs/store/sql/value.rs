@@ -17,15 +17,45 @@ pub(in crate::jobs::store) enum Value<'q> {
 
 /// What stands for U+0000, which texts of Postgres cannot have: no character either. Texts are found by
 /// it, and none of ours is read back that has one.
-const NO_NUL: &str = "\u{fffe}";
+pub(in crate::jobs::store) const NO_NUL: &str = "\u{fffe}";
 
 impl<'q> Value<'q> {
+    /// The same, of which nothing is copied.
+    pub(super) fn borrowed(&self) -> Value<'_> {
+        match self {
+            Self::Text(text) => Value::Text(text.as_deref().map(Cow::Borrowed)),
+            Self::Integer(number) => Value::Integer(*number),
+            Self::Real(number) => Value::Real(*number),
+            Self::Bytes(bytes) => Value::Bytes(bytes.as_deref().map(Cow::Borrowed)),
+        }
+    }
+
     pub(super) fn without_nul(self) -> Self {
         match self {
             Self::Text(Some(text)) if text.contains('\0') => {
                 Self::Text(Some(Cow::Owned(text.replace('\0', NO_NUL))))
             }
             value => value,
+        }
+    }
+
+    /// The value as Postgres reads it within a statement, with its type. The text is one that means the same
+    /// whatever `standard_conforming_strings` is.
+    pub(super) fn literal(&self) -> String {
+        match self {
+            Self::Text(None) => "CAST(NULL AS TEXT)".to_owned(),
+            Self::Text(Some(text)) => {
+                let text = text.replace('\\', "\\\\").replace('\'', "''");
+                format!("CAST(E'{text}' AS TEXT)")
+            }
+            Self::Integer(None) => "CAST(NULL AS BIGINT)".to_owned(),
+            Self::Integer(Some(number)) => format!("CAST('{number}' AS BIGINT)"),
+            Self::Real(Some(number)) if !number.is_nan() => {
+                format!("CAST('{number:e}' AS DOUBLE PRECISION)")
+            }
+            Self::Real(_) => "CAST(NULL AS DOUBLE PRECISION)".to_owned(),
+            Self::Bytes(None) => "CAST(NULL AS BYTEA)".to_owned(),
+            Self::Bytes(Some(bytes)) => format!("CAST(E'\\\\x{}' AS BYTEA)", hex::encode(bytes)),
         }
     }
 
@@ -85,4 +115,28 @@ values! {
     &'q [u8] => |bytes| Bytes(Cow::Borrowed(bytes));
     &'q Vec<u8> => |bytes| Bytes(Cow::Borrowed(bytes.as_slice()));
     Vec<u8> => |bytes| Bytes(Cow::Owned(bytes));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_in_a_value_ends_its_literal() {
+        for (value, literal) in [
+            (Value::from("it's"), "CAST(E'it''s' AS TEXT)"),
+            (Value::from("\\'; --"), "CAST(E'\\\\''; --' AS TEXT)"),
+            (Value::from(None::<&str>), "CAST(NULL AS TEXT)"),
+            (Value::from(-5_i64), "CAST('-5' AS BIGINT)"),
+            (Value::from(0.1), "CAST('1e-1' AS DOUBLE PRECISION)"),
+            (
+                Value::from(f64::NEG_INFINITY),
+                "CAST('-inf' AS DOUBLE PRECISION)",
+            ),
+            (Value::from(f64::NAN), "CAST(NULL AS DOUBLE PRECISION)"),
+            (Value::from(vec![0, 255]), "CAST(E'\\\\x00ff' AS BYTEA)"),
+        ] {
+            assert_eq!(value.literal(), literal);
+        }
+    }
 }

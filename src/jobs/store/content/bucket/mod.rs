@@ -7,6 +7,7 @@
 mod connect;
 mod marker;
 
+use std::collections::HashMap;
 use std::ops::Range;
 use std::path::Path;
 use std::time::Duration;
@@ -22,6 +23,7 @@ use tokio::sync::Semaphore;
 use uuid::Uuid;
 
 use super::objects::Kept;
+use super::shelf::Found;
 use crate::config::ObjectsUrl;
 use crate::jobs::clock;
 use crate::jobs::store::Options;
@@ -178,22 +180,43 @@ impl Bucket {
         }
     }
 
-    /// Keys of objects that were begun long enough ago to be named by now, by their own time and by
-    /// that of the store. What has another name is not ours to judge.
-    pub(in crate::jobs::store) async fn old_keys(&self) -> Result<Vec<String>> {
+    /// The size of an object; none if it is not there.
+    pub(in crate::jobs::store) async fn bytes(&self, key: &str) -> Result<Option<u64>> {
+        match self.store.head(&self.location(key)).await {
+            Ok(object) => Ok(Some(object.size)),
+            Err(error @ StoreError::NotFound { .. }) if !is_bucket_missing(&error) => Ok(None),
+            Err(error) => Err(away(error)),
+        }
+    }
+
+    /// All objects of ours.
+    pub(in crate::jobs::store) async fn list(&self) -> Result<HashMap<String, Found>> {
         let before = clock::now() - self.garbage_age.as_millis() as i64;
-        let mut keys = Vec::new();
+        let mut objects = HashMap::new();
         let prefix = (!self.prefix.as_ref().is_empty()).then_some(&self.prefix);
         let mut found = self.store.list(prefix);
         while let Some(object) = found.try_next().await.map_err(away)? {
             let name = object.location.filename().unwrap_or_default();
-            let direct = object.location == self.location(name);
-            let old = made_at(name).is_some_and(|made_at| made_at <= before)
-                && object.last_modified.timestamp_millis() <= before;
-            if direct && old {
-                keys.push(name.to_owned());
-            }
+            let Some(made_at) = made_at(name).filter(|_| object.location == self.location(name))
+            else {
+                continue;
+            };
+            let old = made_at <= before && object.last_modified.timestamp_millis() <= before;
+            let bytes = object.size;
+            objects.insert(name.to_owned(), Found { bytes, old });
         }
+        Ok(objects)
+    }
+
+    /// Keys of objects that were begun long enough ago to be named by now, by their own time and by
+    /// that of the store. What has another name is not ours to judge.
+    pub(in crate::jobs::store) async fn old_keys(&self) -> Result<Vec<String>> {
+        let old = self
+            .list()
+            .await?
+            .into_iter()
+            .filter(|(_, found)| found.old);
+        let mut keys: Vec<String> = old.map(|(key, _)| key).collect();
         keys.sort_unstable();
         Ok(keys)
     }
