@@ -141,7 +141,7 @@ mod tests {
                 "workers = \"many\"",
                 "workers is \"many\": must be a whole number",
             ),
-            ("workers = 300", "workers is \"300\": 300 is not in 1..=256"),
+            ("workers = 300", "workers is \"300\": 300 is not in 0..=256"),
             (
                 "workers = 1.5",
                 "workers is \"1.5\": must be a whole number",
