@@ -9,7 +9,7 @@
 //! The lock is not held while the server's disk works, or one flush after the other would be all that
 //! many processes can write: the commit itself waits for no disk, and then the process waits for the
 //! flush of all that is before it, together with the others. Only then is anybody answered. What a reader
-//! sees may be lost until then, so whoever tells of it or removes bytes for good waits, too: [`FLUSH`](crate::jobs::store::sql::FLUSH).
+//! sees may be lost until then, so whoever tells of it or removes bytes for good waits, too: [`FLUSH`].
 
 pub(in crate::jobs::store) mod home;
 pub(in crate::jobs::store) mod notice;
