@@ -32,7 +32,7 @@ DO $$
 DECLARE columns TEXT;
 BEGIN
   SELECT string_agg(CASE column_name
-      WHEN 'id' THEN '''job_'' || lpad(to_hex(t.at), 12, ''0'') || ''7000'' || lpad(to_hex(t.n), 16, ''0'')'
+      WHEN 'id' THEN '''job_'' || lpad(to_hex(t.at), 12, ''0'') || ''7000'' || lpad(to_hex(t.n::BIGINT), 16, ''0'')'
       WHEN 'created_at' THEN 't.at'
       WHEN 'finished_at' THEN 't.at + 900'
       WHEN 'archived' THEN '1'
@@ -42,7 +42,7 @@ BEGIN
       WHEN 'report' THEN 'CASE WHEN t.n % 100 = 7 THEN NULL ELSE one.report END'
       ELSE 'one.' || quote_ident(column_name) END, ', ' ORDER BY ordinal_position)
   INTO columns FROM information_schema.columns WHERE table_name = 'jobs' AND table_schema = 'public';
-  EXECUTE 'INSERT INTO jobs SELECT ' || columns || ' FROM one, (SELECT n, 1600000000000 + n * 20000 AS at
+  EXECUTE 'INSERT INTO jobs SELECT ' || columns || ' FROM one, (SELECT n, 1600000000000 + n::BIGINT * 20000 AS at
       FROM generate_series({first}, {last}) AS n) AS t';
 END $$;
 INSERT INTO job_labels SELECT tenant, 'day', CAST(created_at / 86400000 AS TEXT), id FROM jobs
