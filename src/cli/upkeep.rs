@@ -79,8 +79,7 @@ pub(super) async fn keep_histories(store: Store, hours: u32) {
         return;
     }
     loop {
-        let ours =
-            !store.is_shared() || store.take_duty("histories", DUTY_MS).await.unwrap_or(false);
+        let ours = store.take_duty("histories", DUTY_MS).await.unwrap_or(false);
         let before = store.now() - i64::from(hours) * HOUR_MS;
         let packed = if ours {
             pack(&store, before).await

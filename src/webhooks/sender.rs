@@ -105,9 +105,6 @@ struct Duty {
 
 impl Duty {
     async fn is_ours(&mut self, store: &Store) -> bool {
-        if !store.is_shared() {
-            return true;
-        }
         if let Some((ours, at)) = self.heard
             && at.elapsed() < DUTY_RENEWED
         {

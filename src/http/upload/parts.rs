@@ -218,9 +218,13 @@ pub(in crate::http) async fn append(
 /// [`Code::InsufficientStorage`], [`Code::Internal`], and those of the store.
 pub(in crate::http) async fn spooled(app: &AppState, id: &UploadId) -> Result<Spooled> {
     if !app.store.keeps_files() {
-        let file = app.store.upload_file(id).await?;
-        let spooled = blocking(move || Spooled::of(file));
-        return spooled.await?.map_err(|error| storage(&error));
+        let (file, sha256) = app.store.upload_file(id).await?;
+        let bytes = file.as_file().metadata().map_err(|error| storage(&error))?;
+        return Ok(Spooled {
+            bytes: bytes.len(),
+            sha256,
+            file,
+        });
     }
     let (path, folder) = (path(app, id), app.config.data_dir.join(UPLOADS));
     let spooled = blocking(move || -> io::Result<Spooled> {

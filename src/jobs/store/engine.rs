@@ -6,7 +6,7 @@ use sqlx::SqliteConnection;
 
 use crate::jobs::Result;
 use crate::jobs::store::postgres::Session as PostgresSession;
-use crate::jobs::store::sql::Db;
+use crate::jobs::store::sql::{Db, query};
 use crate::jobs::store::sqlite::writer::{give_back, shrink};
 use crate::jobs::store::writer::{self, Session};
 
@@ -83,5 +83,19 @@ impl Writer {
             })
         })
         .await
+    }
+}
+
+impl writer::Transaction<'_, Engine> {
+    /// Runs statements about what has this id, which is their parameter `?1`, one after the other.
+    pub(in crate::jobs::store) async fn run_each(
+        &mut self,
+        statements: &[&'static str],
+        id: &str,
+    ) -> Result<()> {
+        for statement in statements {
+            query(*statement).bind(id).execute(&mut self.db).await?;
+        }
+        Ok(())
     }
 }

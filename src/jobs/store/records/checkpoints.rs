@@ -89,15 +89,10 @@ impl Records<'_> {
 impl Transaction<'_> {
     /// Removes the saved state of a job, if there is one.
     pub(in crate::jobs::store) async fn bury_checkpoint(&mut self, id: &JobId) -> Result<()> {
-        for statement in [
+        let statements = [
             "INSERT INTO graves (key) SELECT object FROM checkpoints WHERE job_id = ?1",
             "DELETE FROM checkpoints WHERE job_id = ?1",
-        ] {
-            query(statement)
-                .bind(id.as_str())
-                .execute(&mut self.db)
-                .await?;
-        }
-        Ok(())
+        ];
+        self.run_each(&statements, id.as_str()).await
     }
 }

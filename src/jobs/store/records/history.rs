@@ -284,18 +284,13 @@ impl Store {
                 .bind(last)
                 .execute(&mut tx.db)
                 .await?;
-                for statement in [
+                let statements = [
                     "DELETE FROM events WHERE job_id = ?1",
                     "DELETE FROM metrics WHERE job_id = ?1",
                     "DELETE FROM gradients WHERE job_id = ?1",
                     "UPDATE jobs SET archived = 1 WHERE id = ?1",
-                ] {
-                    query(statement)
-                        .bind(id.as_str())
-                        .execute(&mut tx.db)
-                        .await?;
-                }
-                Ok(())
+                ];
+                tx.run_each(&statements, id.as_str()).await
             })
         });
         match taken.await {

@@ -85,13 +85,11 @@ impl Store {
         let name = name.to_owned();
         self.write(move |mut tx| {
             Box::pin(async move {
-                for statement in [
+                let statements = [
                     "DELETE FROM nodes WHERE name = ?1",
                     "DELETE FROM duties WHERE node = ?1",
-                ] {
-                    query(statement).bind(&name).execute(&mut tx.db).await?;
-                }
-                Ok(())
+                ];
+                tx.run_each(&statements, &name).await
             })
         })
         .await
@@ -122,8 +120,11 @@ impl Store {
     }
 
     /// Takes a duty for so long, or takes it for longer. Whether the process has it: one that another
-    /// process has is taken over once its time is over.
+    /// process has is taken over once its time is over. One that is alone has all of them.
     pub async fn take_duty(&self, name: &'static str, ms: i64) -> Result<bool> {
+        if !self.is_shared() {
+            return Ok(true);
+        }
         let node = self.inner.options.node.clone();
         self.write(move |mut tx| {
             Box::pin(async move {

@@ -266,7 +266,7 @@ impl Transaction<'_> {
         };
         self.check_erasable(job.hold, job.expires_at, reason)?;
         // Foreign keys are enforced: if a table were missing here, the last statement would fail.
-        for statement in [
+        let statements = [
             "INSERT INTO graves (key) SELECT object FROM meshes WHERE job_id = ?1",
             "INSERT INTO graves (key) SELECT object FROM models WHERE job_id = ?1",
             "INSERT INTO graves (key) SELECT object FROM checkpoints WHERE job_id = ?1",
@@ -280,12 +280,8 @@ impl Transaction<'_> {
             "DELETE FROM gradients WHERE job_id = ?1",
             "DELETE FROM events WHERE job_id = ?1",
             "DELETE FROM jobs WHERE id = ?1",
-        ] {
-            query(statement)
-                .bind(id.as_str())
-                .execute(&mut self.db)
-                .await?;
-        }
+        ];
+        self.run_each(&statements, id.as_str()).await?;
         self.empty_answers(&Subject::Job(id.clone())).await?;
         self.leave_tombstone(&caller.tenant, id.as_str(), reason)
             .await?;
@@ -330,16 +326,12 @@ impl Transaction<'_> {
         if in_use {
             return Ok(CloudDeletion::InUse);
         }
-        for statement in [
+        let statements = [
             "INSERT INTO graves (key) SELECT object FROM clouds WHERE id = ?1 AND object IS NOT NULL",
             "DELETE FROM clouds WHERE id = ?1",
             "UPDATE jobs SET cloud_erased = 1 WHERE cloud_id = ?1",
-        ] {
-            query(statement)
-                .bind(id.as_str())
-                .execute(&mut self.db)
-                .await?;
-        }
+        ];
+        self.run_each(&statements, id.as_str()).await?;
         self.empty_answers(&Subject::Cloud(id.clone())).await?;
         self.leave_tombstone(&caller.tenant, id.as_str(), reason)
             .await?;

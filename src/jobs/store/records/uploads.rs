@@ -206,12 +206,12 @@ impl Store {
 }
 
 impl Store {
-    /// The bytes of an upload that are in the object store, as a temporary file.
+    /// The bytes of an upload that are in the object store, as a temporary file, and their SHA-256.
     ///
     /// # Errors
     /// `ContentUnavailable` without the object store; `Full` if there is no room; `Inconsistent` if some are
     /// not there.
-    pub async fn upload_file(&self, id: &UploadId) -> Result<NamedTempFile> {
+    pub async fn upload_file(&self, id: &UploadId) -> Result<(NamedTempFile, String)> {
         let select = "SELECT object, bytes FROM upload_parts WHERE upload_id = ?1 ORDER BY at";
         let rows = query(select)
             .bind(id.as_str())
@@ -223,12 +223,11 @@ impl Store {
             parts.push(columns.object()?);
         }
         let fetched = self.fetch(&parts).await?;
-        let (file, _) = fetched.ok_or_else(|| Error::Inconsistent {
+        fetched.ok_or_else(|| Error::Inconsistent {
             table: "upload_parts",
             column: "object",
             detail: format!("bytes of {id} are not there"),
-        })?;
-        Ok(file)
+        })
     }
 }
 
@@ -252,16 +251,11 @@ impl Transaction<'_> {
     }
 
     async fn bury_parts(&mut self, id: &UploadId) -> Result<()> {
-        for statement in [
+        let statements = [
             "INSERT INTO graves (key) SELECT object FROM upload_parts WHERE upload_id = ?1",
             "DELETE FROM upload_parts WHERE upload_id = ?1",
-        ] {
-            query(statement)
-                .bind(id.as_str())
-                .execute(&mut self.db)
-                .await?;
-        }
-        Ok(())
+        ];
+        self.run_each(&statements, id.as_str()).await
     }
 }
 
