@@ -33,8 +33,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let runtime = tokio::runtime::Runtime::new()
-        .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
+    let runtime = super::runtime()?;
     let checked = runtime.block_on(check(arguments))?;
     let text = if arguments.json {
         format!("{:#}\n", as_json(&checked))

@@ -22,8 +22,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let runtime = tokio::runtime::Runtime::new()
-        .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
+    let runtime = super::runtime()?;
     let told = runtime.block_on(migrate(arguments))?;
     Sink::new(Path::new("-"))?.write(|out| writeln!(out, "{told}"))
 }

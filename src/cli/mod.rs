@@ -33,6 +33,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use clap::{Parser, Subcommand};
+use tokio::runtime::Runtime;
 
 use crate::jobs::worker::Work;
 
@@ -118,6 +119,14 @@ pub fn main_with(line: &[OsString], substitute: Option<&Substitute>) -> ExitCode
             failure.exit_code()
         }
     }
+}
+
+/// What tasks run in.
+///
+/// # Errors
+/// `Output` when the system has no threads for it.
+fn runtime() -> Result<Runtime, Failure> {
+    Runtime::new().map_err(|error| Failure::Output(format!("no runtime: {error}")))
 }
 
 /// Runs the program: what it returns is the exit code.

@@ -27,8 +27,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let runtime = tokio::runtime::Runtime::new()
-        .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
+    let runtime = super::runtime()?;
     let told = runtime.block_on(relocate(arguments))?;
     Sink::new(Path::new("-"))?.write(|out| out.write_all(told.as_bytes()))
 }

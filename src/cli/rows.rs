@@ -11,15 +11,21 @@ use crate::jobs::{Error, store};
 /// The folder of a service, and the database where that is not in it.
 #[derive(Debug, Args)]
 pub(super) struct Rows {
-    /// Folder of the service.
-    #[arg(long, env = "MESHWAY_DATA_DIR", default_value = "meshway-data")]
+    /// Folder of the service, which may run meanwhile.
+    #[arg(
+        long,
+        global = true,
+        env = "MESHWAY_DATA_DIR",
+        default_value = "meshway-data"
+    )]
     pub(super) data_dir: PathBuf,
     /// Postgres database of the service, as `serve --database` names it.
-    #[arg(long, env = "MESHWAY_DATABASE", hide_env_values = true)]
+    #[arg(long, global = true, env = "MESHWAY_DATABASE", hide_env_values = true)]
     pub(super) database: Option<DatabaseUrl>,
     /// Say that a pooler in transaction mode stands before the database.
-    #[arg(long, env = "MESHWAY_DATABASE_POOLED", num_args = 0..=1, require_equals = true,
-          default_value_t = false, default_missing_value = "true", action = clap::ArgAction::Set)]
+    #[arg(long, global = true, env = "MESHWAY_DATABASE_POOLED", num_args = 0..=1,
+          require_equals = true, default_value_t = false, default_missing_value = "true",
+          action = clap::ArgAction::Set)]
     database_pooled: bool,
 }
 

@@ -89,8 +89,7 @@ pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Res
         return Err(Failure::Usage(problems.join("\n")));
     }
     logging::start(config.work.log_format, &config.work.log)?;
-    let runtime = tokio::runtime::Runtime::new()
-        .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
+    let runtime = super::runtime()?;
     let result = runtime.block_on(serve(arguments, substitute));
     // Tasks that still run after the drain are not awaited.
     runtime.shutdown_background();

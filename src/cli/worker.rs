@@ -72,8 +72,7 @@ pub(super) fn run(arguments: &Arguments, substitute: Option<&Substitute>) -> Res
         return Err(Failure::Usage(problems.join("\n")));
     }
     logging::start(work.log_format, &work.log)?;
-    let runtime = tokio::runtime::Runtime::new()
-        .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
+    let runtime = super::runtime()?;
     let result = runtime.block_on(work_on(arguments, substitute));
     runtime.shutdown_background();
     result

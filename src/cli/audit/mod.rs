@@ -2,15 +2,15 @@
 
 mod export;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use clap::{Args, Subcommand};
 
 use super::Failure;
 use super::files::Sink;
-use crate::config::DatabaseUrl;
+use super::rows::Rows;
 use crate::identity::Tenant;
-use crate::jobs::{AuditHead, AuditRow, Store, store};
+use crate::jobs::{AuditHead, AuditRow, Store};
 use export::Format;
 
 /// Rows that are read at once.
@@ -21,22 +21,8 @@ const PAGE: u32 = 1_000;
 pub(super) struct Arguments {
     #[command(subcommand)]
     what: What,
-    /// Folder of the service, which may run meanwhile.
-    #[arg(
-        long,
-        global = true,
-        env = "MESHWAY_DATA_DIR",
-        default_value = "meshway-data"
-    )]
-    data_dir: PathBuf,
-    /// Postgres database of the service, as `serve --database` names it.
-    #[arg(long, global = true, env = "MESHWAY_DATABASE", hide_env_values = true)]
-    database: Option<DatabaseUrl>,
-    /// Say that a pooler in transaction mode stands before the database.
-    #[arg(long, global = true, env = "MESHWAY_DATABASE_POOLED", num_args = 0..=1,
-          require_equals = true, default_value_t = false, default_missing_value = "true",
-          action = clap::ArgAction::Set)]
-    database_pooled: bool,
+    #[command(flatten)]
+    rows: Rows,
 }
 
 #[derive(Debug, Subcommand)]
@@ -71,8 +57,7 @@ fn head(text: &str) -> Result<AuditHead, String> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let runtime = tokio::runtime::Runtime::new()
-        .map_err(|error| Failure::Output(format!("no runtime: {error}")))?;
+    let runtime = super::runtime()?;
     runtime.block_on(async {
         let store = open(arguments).await?;
         let result = match &arguments.what {
@@ -85,30 +70,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 async fn open(arguments: &Arguments) -> Result<Store, Failure> {
-    let folder = arguments.data_dir.as_path();
-    let failed = |error| Failure::input(folder, error);
-    let options = store::Options {
-        rows_only: true,
-        database: arguments
-            .database
-            .as_ref()
-            .map(|url| url.secret().to_owned()),
-        database_pooled: arguments.database_pooled,
-        ..store::Options::default()
-    };
-    if let Some(database) = &arguments.database {
+    let rows = &arguments.rows;
+    if rows.database.is_some() {
         // Of the rows alone nothing is in a folder of the service; what the store makes in one goes.
         let made = tempfile::tempdir();
         let folder =
             made.map_err(|error| Failure::Output(format!("no temporary folder: {error}")))?;
-        let opened = Store::open(folder.path(), options).await;
-        return opened.map_err(|error| Failure::Output(format!("--database {database}: {error}")));
+        let opened = Store::open(folder.path(), rows.options()).await;
+        return opened.map_err(|error| rows.failed(&error));
     }
-    if !store::is_ours(folder).await.map_err(failed)? {
-        let detail = "no service has worked in this folder; name the one of `serve --data-dir`";
-        return Err(Failure::input(folder, detail));
-    }
-    Store::open(folder, options).await.map_err(failed)
+    rows.check_folder().await?;
+    let opened = Store::open(&rows.data_dir, rows.options()).await;
+    opened.map_err(|error| Failure::input(&rows.data_dir, error))
 }
 
 async fn verify(store: &Store, known: &[AuditHead]) -> Result<(), Failure> {
