@@ -15,11 +15,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use futures_util::future::join_all;
+use made::{LONG, rate};
 use meshway::identity::Caller;
 use meshway::jobs::{Claim, Lease, Options, Store};
-
-/// How long each figure is measured.
-const LONG: Duration = Duration::from_secs(4);
 
 /// Processes, and clients in all of them.
 const PROCESSES: [usize; 4] = [1, 4, 16, 48];
@@ -108,14 +106,14 @@ async fn rates(server: &str, count: usize) {
     let us = Caller::anybody();
     let cloud = made::cloud();
     let (cloud, _) = processes.of(0).by(&us).insert_cloud(cloud).await.unwrap();
-    let submits = rate(async |client| {
+    let submits = rate(CLIENTS, async |client| {
         let new = made::job(&cloud.id);
         let store = processes.of(client);
         store.by(&us).submit(new, None).await.unwrap();
     })
     .await;
     let waiting = AtomicU64::new(0);
-    let claims = rate(async |client| {
+    let claims = rate(CLIENTS, async |client| {
         let claimed = processes.of(client).claim("w", LEASE_MS).await.unwrap();
         if claimed.is_none() {
             waiting.fetch_add(1, Ordering::Relaxed);
@@ -141,13 +139,13 @@ async fn rates(server: &str, count: usize) {
         held.push(store.claim("w", LEASE_MS).await.unwrap().unwrap());
     }
     let evaluations = AtomicU64::new(1);
-    let records = rate(async |client| {
+    let records = rate(CLIENTS, async |client| {
         let record = made::record(evaluations.fetch_add(1, Ordering::Relaxed));
         let store = processes.of(client);
         store.record(&held[client], record).await.unwrap();
     })
     .await;
-    let renewals = rate(async |client| {
+    let renewals = rate(CLIENTS, async |client| {
         let renewal = processes
             .of(client)
             .renew(&held[client], LEASE_MS, Duration::ZERO);
@@ -156,21 +154,6 @@ async fn rates(server: &str, count: usize) {
     .await;
     processes.close().await;
     println!("| {count} | {CLIENTS} | {submits:.0} | {claims:.0} | {records:.0} | {renewals:.0} |");
-}
-
-/// How often in a second something is done by clients who do it again and again.
-async fn rate(work: impl AsyncFn(usize)) -> f64 {
-    let begun = Instant::now();
-    let client = async |client: usize| {
-        let mut done = 0;
-        while begun.elapsed() < LONG {
-            work(client).await;
-            done += 1;
-        }
-        done
-    };
-    let done: u64 = join_all((0..CLIENTS).map(client)).await.iter().sum();
-    done as f64 / begun.elapsed().as_secs_f64()
 }
 
 /// How long it takes from the beginning of a worker's write to when a node has the event, which looks as

@@ -1,13 +1,33 @@
 //! What benchmarks of the store write.
 
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
+use futures_util::future::join_all;
 use meshway::jobs::{CloudId, Keep, NewCloud, NewEvent, NewJob, Record};
 use meshway::reconstruction::Preset;
 use meshway::reconstruction::training::Metrics;
 use serde_json::json;
 use sqlx::postgres::PgConnectOptions;
 use sqlx::{AssertSqlSafe, ConnectOptions};
+
+/// How long each figure is measured.
+pub(crate) const LONG: Duration = Duration::from_secs(3);
+
+/// How often in a second something is done by clients who do it again and again.
+pub(crate) async fn rate(clients: usize, work: impl AsyncFn(usize)) -> f64 {
+    let begun = Instant::now();
+    let client = async |client: usize| {
+        let mut done = 0;
+        while begun.elapsed() < LONG {
+            work(client).await;
+            done += 1;
+        }
+        done
+    };
+    let done: u64 = join_all((0..clients).map(client)).await.iter().sum();
+    done as f64 / begun.elapsed().as_secs_f64()
+}
 
 /// A database that nobody has used.
 pub(crate) async fn new_database(server: &str) -> String {

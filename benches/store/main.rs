@@ -8,15 +8,11 @@
 mod made;
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use futures_util::future::join_all;
-use made::{cloud, job, new_database, record};
+use made::{cloud, job, new_database, rate, record};
 use meshway::identity::Caller;
 use meshway::jobs::{Claim, Options, Store};
-
-/// How long each figure is measured.
-const LONG: Duration = Duration::from_secs(3);
 
 /// Clients at a time.
 const CLIENTS: [usize; 3] = [1, 16, 64];
@@ -77,19 +73,4 @@ async fn row(name: &str, clients: usize, database: Option<String>) {
     .await;
     store.close().await;
     println!("| {name} | {clients} | {submits:.0} | {records:.0} | {renewals:.0} |");
-}
-
-/// How often in a second something is done by clients who do it again and again.
-async fn rate(clients: usize, work: impl AsyncFn(usize)) -> f64 {
-    let begun = Instant::now();
-    let client = async |client: usize| {
-        let mut done = 0;
-        while begun.elapsed() < LONG {
-            work(client).await;
-            done += 1;
-        }
-        done
-    };
-    let done: u64 = join_all((0..clients).map(client)).await.iter().sum();
-    done as f64 / begun.elapsed().as_secs_f64()
 }

@@ -7,9 +7,8 @@ use meshway::jobs::store::CONTENT_FILE;
 use serde_json::{Value, json};
 use uuid::Uuid;
 
-use crate::http::support::sphere_xyz;
 use crate::place::Bucket;
-use crate::server::{Server, job_ended};
+use crate::server::{Server, job_ended, upload_sphere};
 use crate::store::bare::{Bare, new_database};
 use crate::upgraded::{run, said};
 use crate::wire::Connection;
@@ -34,12 +33,7 @@ impl Kept {
         let log = folder.path().join("log");
         let server = Server::start(&folder.path().join("data"), log, &served).await;
         let mut client = Connection::open(server.address()).await.unwrap();
-        let bytes = sphere_xyz(300, 0.0).into_bytes();
-        let cloud = client
-            .ask("POST /v1/clouds", "", &[&bytes])
-            .await
-            .unwrap()
-            .json();
+        let cloud = upload_sphere(&mut client).await;
         let job = json!({
             "cloud_id": cloud["id"], "preset": "fast",
             "settings": {"training": {"max_evaluations": 40}, "surface": {"resolution": 32}},

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::http::support::sphere_xyz;
 use crate::place::Bucket;
-use crate::server::{PROGRAM, Server, job_ended};
+use crate::server::{PROGRAM, Server, job_ended, upload_sphere};
 use crate::store::bare::{Bare, new_database};
 use crate::upgraded::{run, said};
 use crate::who::us;
@@ -58,12 +58,7 @@ impl Old {
         let flags = ["--script=instant", "--workers=2"];
         let server = Server::start(&data, dir.path().join("log"), &flags).await;
         let mut client = Connection::open(server.address()).await.unwrap();
-        let bytes = sphere_xyz(300, 0.0).into_bytes();
-        let cloud = client
-            .ask("POST /v1/clouds", "", &[&bytes])
-            .await
-            .unwrap()
-            .json();
+        let cloud = upload_sphere(&mut client).await;
         let job = json!({"cloud_id": cloud["id"], "preset": "fast"});
         let done = client.post("/v1/jobs", KEY, &job).await.unwrap().json();
         let done = job_ended(&mut client, &done).await;
@@ -120,7 +115,7 @@ impl Old {
             done,
             mesh: mesh.body,
             cloud,
-            bytes,
+            bytes: sphere_xyz(300, 0.0).into_bytes(),
             upload: uploads.into_iter().next().unwrap(),
             running: running.job.id.to_string(),
             last_event: db.number(last).await,

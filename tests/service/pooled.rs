@@ -6,8 +6,7 @@ use serde_json::json;
 use sqlx::ConnectOptions;
 use sqlx::postgres::PgConnectOptions;
 
-use crate::http::support::sphere_xyz;
-use crate::server::{PATIENCE, Server, job_ended, until};
+use crate::server::{PATIENCE, Server, job_ended, until, upload_sphere};
 use crate::store::bare::{self, Bare, new_database};
 use crate::upgraded::{run, said};
 use crate::wire::Connection;
@@ -69,12 +68,7 @@ async fn a_service_lives_behind_a_pooler() {
     let folder = tempfile::tempdir().unwrap();
     let server = serve(&folder, &pooled, "first").await;
     let mut client = Connection::open(server.address()).await.unwrap();
-    let bytes = sphere_xyz(300, 0.0).into_bytes();
-    let cloud = client
-        .ask("POST /v1/clouds", "", &[&bytes])
-        .await
-        .unwrap()
-        .json();
+    let cloud = upload_sphere(&mut client).await;
     let job =
         json!({"cloud_id": cloud["id"], "preset": "fast", "labels": {"who": "O'Neill \\ 'ß'"}});
     let mut jobs = Vec::new();

@@ -261,6 +261,13 @@ impl Drop for Server {
     }
 }
 
+/// Uploads a sphere; gives the cloud as JSON.
+pub(crate) async fn upload_sphere(client: &mut Connection) -> Value {
+    let bytes = sphere_xyz(300, 0.0).into_bytes();
+    let answer = client.ask("POST /v1/clouds", "", &[&bytes]).await;
+    answer.unwrap().json()
+}
+
 /// A job as JSON once it has ended: on a busy machine a wait for it may be too short.
 pub(crate) async fn job_ended(client: &mut Connection, job: &Value) -> Value {
     let path = format!("GET {}", job["links"]["self"].as_str().unwrap());
