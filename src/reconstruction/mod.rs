@@ -46,7 +46,7 @@ mod run;
 mod symmetric;
 mod threads;
 
-pub use blocks::{Block, BlockModel};
+pub use blocks::{Block, BlockError, BlockInput, BlockModel, BlockRefusal, fit_block};
 pub use error::Error;
 pub use model::{Model, ModelError};
 pub use observer::{Event, Observer, Phase, Warning};

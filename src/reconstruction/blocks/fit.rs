@@ -1,20 +1,16 @@
 //! Fitting the networks of all blocks, several at a time.
 
-use std::cell::Cell;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use serde::{Deserialize, Serialize};
-
 use super::block::Block;
+use super::input::{BlockInput, Fitted};
 use super::samples::Places;
 use crate::reconstruction::error::Error;
-use crate::reconstruction::network::{Scalar, initial_parameters, sequential_engine};
+use crate::reconstruction::network::Scalar;
 use crate::reconstruction::observer::{Event, Observer};
 use crate::reconstruction::plan::{BlockPlan, Plan};
-use crate::reconstruction::sampling::{Samples, Uncertainty};
-use crate::reconstruction::surface::Field;
-use crate::reconstruction::training::{Hooks, Identity, Problem, Termination, train};
+use crate::reconstruction::sampling::Uncertainty;
 use crate::reconstruction::vector::Vec3;
 
 /// What all blocks share.
@@ -42,27 +38,38 @@ impl Task<'_> {
             ..self.uncertainty
         }
     }
-}
 
-/// The network of a block.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(bound = "T: Scalar")]
-pub(super) struct Fitted<T> {
-    pub(super) parameters: Vec<T>,
-    pub(super) loss: f64,
-    pub(super) evaluations: u64,
-    pub(super) iterations: u64,
-    /// Points of the cloud that it was fitted to.
-    pub(super) points: usize,
-    /// Loss after the first step.
-    pub(super) first_loss: f64,
-    /// Norm of the gradient at the end.
-    pub(super) gradient_norm: f64,
-    /// Length of the last step.
-    pub(super) step_length: f64,
-    /// Mean square of the field at the points held out in its reach; none where there are none.
-    pub(super) held_out: Option<f64>,
-    pub(super) termination: Termination,
+    /// All that the fit of block `k` depends on.
+    fn input(&self, k: usize) -> BlockInput {
+        let (settings, planned, block) = (self.plan.settings, self.planned, &self.blocks[k]);
+        let uncertainty = self.uncertainty(block);
+        let weight = uncertainty.surface_weight();
+        let (samples, on_surface) = self.places.of(k, block, settings.sampling.targets, weight);
+        let decay = settings.training.smoothing * uncertainty.weight_decay(1);
+        let (held_out, held_out_targets) = self.held_out_of[k]
+            .iter()
+            .map(|&i| {
+                let coarse = self.held_out_coarse.get(i as usize).copied();
+                let place = block.frame.to_unit(self.held_out[i as usize]);
+                (place, -coarse.unwrap_or_default() / block.band)
+            })
+            .unzip();
+        BlockInput {
+            precision: settings.network.precision,
+            engine: self.plan.engine,
+            architecture: planned.architecture.clone(),
+            training: planned.training.clone(),
+            seed: planned.seed(k),
+            round: planned.round,
+            weight_decay: decay / samples.len().max(1) as f64,
+            allowed: BlockPlan::allowed(uncertainty.spacing, uncertainty.noise),
+            band: block.band,
+            samples,
+            on_surface,
+            held_out,
+            held_out_targets,
+        }
+    }
 }
 
 /// Networks of blocks, where they are fitted.
@@ -89,7 +96,7 @@ pub(super) fn fit<T: Scalar>(
         let Some(&k) = open.get(next.fetch_add(1, Ordering::Relaxed)) else {
             return false;
         };
-        match fit_block(task, k, watch) {
+        match task.input(k).fit(watch) {
             Ok(fitted) => lock(&done)[k] = Some(fitted),
             Err(error) => {
                 stop.store(true, Ordering::Relaxed);
@@ -117,122 +124,10 @@ pub(super) fn fit<T: Scalar>(
     }
 }
 
-/// Mean square of what the field leaves of the targets at these points.
-fn mean_square(field: &dyn Field, points: &[Vec3], targets: &[f64]) -> Result<f64, Error> {
-    let mut values = vec![0.0; points.len()];
-    field.values(points, &mut values)?;
-    let squares = values.iter().zip(targets).map(|(f, y)| (f - y).powi(2));
-    Ok(squares.sum::<f64>() / points.len().max(1) as f64)
-}
-
 fn lock<V>(mutex: &Mutex<V>) -> std::sync::MutexGuard<'_, V> {
     mutex
         .lock()
         .unwrap_or_else(std::sync::PoisonError::into_inner)
-}
-
-fn fit_block<T: Scalar>(
-    task: &Task<'_>,
-    k: usize,
-    observer: &dyn Observer,
-) -> Result<Fitted<T>, Error> {
-    let (settings, planned) = (task.plan.settings, task.planned);
-    let block = &task.blocks[k];
-    let uncertainty = task.uncertainty(block);
-    let weight = uncertainty.surface_weight();
-    let targets = settings.sampling.targets;
-    let (samples, count) = task.places.of(k, block, targets, weight);
-    let on_surface = (&samples.points[..count], &samples.targets[..count]);
-    let engine = sequential_engine::<T>(task.plan.engine, &planned.architecture, &samples)?;
-    let decay = settings.training.smoothing * uncertainty.weight_decay(1);
-    let problem = Problem {
-        engine: engine.as_ref(),
-        validation: &Samples::default(),
-        weight_decay: decay / samples.len().max(1) as f64,
-        output_layer: planned.training.output_layer,
-    };
-    let parameters = initial_parameters(&planned.architecture, planned.seed(k));
-    let allowed = BlockPlan::allowed(uncertainty.spacing, uncertainty.noise).powi(2);
-    let steps = Steps::new(observer);
-    let hooks = Hooks {
-        observer: &steps,
-        snapshot: &mut |_, _| Ok(()),
-        enough: &mut |evaluations, parameters| {
-            Ok(
-                evaluations.start / planned.round < evaluations.end / planned.round
-                    && mean_square(&problem.field(parameters)?, on_surface.0, on_surface.1)?
-                        * block.band.powi(2)
-                        <= allowed,
-            )
-        },
-        identity: Identity::default(),
-    };
-    let trained = train(problem, parameters, &planned.training, hooks)?;
-    if trained.termination == Termination::Cancelled {
-        return Err(Error::Cancelled);
-    }
-    let (held_out, left): (Vec<Vec3>, Vec<f64>) = task.held_out_of[k]
-        .iter()
-        .map(|&i| {
-            let coarse = task.held_out_coarse.get(i as usize).copied();
-            let place = block.frame.to_unit(task.held_out[i as usize]);
-            (place, -coarse.unwrap_or_default() / block.band)
-        })
-        .unzip();
-    let field = problem.field(&trained.parameters)?;
-    let held_out = (!held_out.is_empty())
-        .then(|| mean_square(&field, &held_out, &left))
-        .transpose()?;
-    let [first_loss, gradient_norm, step_length] = steps.seen.get();
-    Ok(Fitted {
-        points: count,
-        first_loss,
-        gradient_norm,
-        step_length,
-        held_out,
-        termination: trained.termination,
-        parameters: trained.parameters,
-        loss: trained.loss,
-        evaluations: trained.evaluations,
-        iterations: trained.iterations,
-    })
-}
-
-/// Notes the steps of a block: its loss after the first, norm of the gradient and length of the last.
-struct Steps<'a> {
-    observer: &'a dyn Observer,
-    seen: Cell<[f64; 3]>,
-}
-
-impl<'a> Steps<'a> {
-    fn new(observer: &'a dyn Observer) -> Self {
-        Self {
-            observer,
-            seen: Cell::new([f64::NAN; 3]),
-        }
-    }
-}
-
-impl Observer for Steps<'_> {
-    fn event(&self, event: Event<'_>) {
-        if let Event::Metrics(step) = event {
-            let [first, ..] = self.seen.get();
-            let first = if step.iteration == 1 {
-                step.loss
-            } else {
-                first
-            };
-            self.seen.set([first, step.gradient_norm, step.step_length]);
-        }
-    }
-
-    fn cancelled(&self) -> bool {
-        self.observer.cancelled()
-    }
-
-    fn seconds(&self) -> f64 {
-        0.0
-    }
 }
 
 /// Stops a block where another one has failed or the run ends.

@@ -7,6 +7,7 @@ mod block;
 mod checkpoint;
 mod field;
 mod fit;
+mod input;
 mod lookup;
 mod misfit;
 mod model;
@@ -26,7 +27,8 @@ use super::sampling::{Frame, Prepared, Samples, Scan};
 use super::settings::CoarseInput;
 use super::surface::Field;
 use super::vector::Vec3;
-use fit::{Done, Fitted, Task};
+use fit::{Done, Task};
+use input::Fitted;
 use lookup::Lookup;
 use misfit::misfit;
 use samples::{CoarseLengths, Places, members};
@@ -34,6 +36,7 @@ use series::Series;
 
 pub use block::Block;
 use field::{BlockField, Coarse};
+pub use input::{BlockError, BlockInput, BlockRefusal, fit_block};
 pub use model::BlockModel;
 
 pub(super) use checkpoint::State;

@@ -1,6 +1,7 @@
 //! The training series of all blocks together.
 
-use super::fit::{Done, Fitted};
+use super::fit::Done;
+use super::input::Fitted;
 use crate::reconstruction::observer::{Event, Observer};
 use crate::reconstruction::training::{Metrics, Trained};
 

@@ -2,12 +2,14 @@
 
 use std::ops::Range;
 
+use serde::{Deserialize, Serialize};
+
 use super::Scalar;
 use crate::reconstruction::settings::{Network, Scheme};
 
 /// Fully connected network: `hidden_layers` layers of equal width and a linear output
 /// (\[N24\] section 2).
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Architecture {
     /// Residual scheme of the hidden layers.
     pub scheme: Scheme,

@@ -26,7 +26,7 @@ mod uncertainty;
 pub mod winding;
 mod working;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::cloud::{Label, PointCloud};
 use super::observer::Warning;
@@ -42,7 +42,7 @@ pub use uncertainty::Uncertainty;
 pub(super) use working::MAX_WORKING_POINTS;
 
 /// Points with targets and weights of the least-squares fit, in the frame of training.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Samples {
     /// Positions, `[n, 3]`.
     pub points: Vec<Vec3>,

@@ -32,6 +32,11 @@ const HASH_BYTES: usize = 32;
 pub struct Identity([u8; HASH_BYTES]);
 
 impl Identity {
+    /// The identity of what these bytes hold.
+    pub(in crate::reconstruction) fn of(bytes: &[u8]) -> Self {
+        Self(Sha256::digest(bytes).into())
+    }
+
     /// The identity of a run over these samples.
     ///
     /// # Panics

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 pub use adam::Adam;
 pub use checkpoint::Identity;
-pub(super) use checkpoint::{seal, unseal};
+pub(super) use checkpoint::{Refusal, seal, unseal};
 pub use iterate::{Interrupt, Iterate, Objective, Step};
 pub use lbfgs::{Lbfgs, Options};
 pub use monitor::{Enough, Hooks, Snapshot};
