@@ -77,6 +77,7 @@ fn name(named: Named) -> &'static str {
         Named::Checkpoint => "checkpoint",
         Named::History => "history",
         Named::Part => "part",
+        Named::Share => "share",
     }
 }
 
@@ -103,6 +104,7 @@ fn remedy(named: Named) -> &'static str {
              job do"
         }
         Named::Part => "erase the upload (DELETE /v1/uploads/{id}) and send it again",
+        Named::Share => "nothing: the worker of the job fits these blocks itself",
     }
 }
 

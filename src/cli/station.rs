@@ -132,6 +132,7 @@ impl Station<'_> {
                 grace: Duration::from_millis(grace_milliseconds.into()),
                 events_limit: work.max_events.into(),
                 metrics_limit: work.max_metrics.into(),
+                slots: self.slots,
             },
             objects: self.backend.objects.clone(),
             log_format: work.log_format,

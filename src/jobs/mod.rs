@@ -54,7 +54,7 @@ pub use job::{
 };
 pub use store::{
     Act, Acts, AuditFault, AuditHead, AuditOutcome, AuditRow, Checkpoint, Idempotency,
-    IdempotencyState, LocalFile, MeshInfo, NewNode, Options, Records, Role, Session, Store,
+    IdempotencyState, LocalFile, MeshInfo, NewNode, Options, Records, Role, Session, Share, Store,
     StoredResponse, Subject,
 };
 

@@ -41,15 +41,16 @@ pub mod verify;
 mod coarse;
 mod error;
 mod mesher;
+mod nearby;
 mod observer;
 mod run;
 mod symmetric;
 mod threads;
 
-pub use blocks::{Block, BlockError, BlockInput, BlockModel, BlockRefusal, fit_block};
+pub use blocks::{Block, BlockModel, ShareError, ShareRefusal, fit_share, processor};
 pub use error::Error;
 pub use model::{Model, ModelError};
-pub use observer::{Event, Observer, Phase, Warning};
+pub use observer::{Event, Helpers, Observer, Phase, Warning};
 pub use report::{Input, Report};
 pub use run::{Reconstruction, reconstruct};
 pub use settings::{Preset, Settings};

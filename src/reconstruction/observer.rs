@@ -102,6 +102,29 @@ pub trait Observer {
         None
     }
 
+    /// Those who may fit blocks of a large cloud beside the run.
+    fn helpers(&self) -> Option<&dyn Helpers> {
+        None
+    }
+
     /// Seconds on a monotonic clock, from any fixed start.
     fn seconds(&self) -> f64;
+}
+
+/// Others who fit blocks beside a run, in shares.
+///
+/// They make it faster and nothing else: whoever fits a block, its network is the same, and the run fits itself
+/// what does not come back in time.
+pub trait Helpers: Sync {
+    /// How many more shares may be offered now.
+    fn wanted(&self) -> usize;
+
+    /// Offers a share, whose input goes to [`fit_share`](super::fit_share).
+    fn offer(&self, share: usize, input: Vec<u8>);
+
+    /// Takes an offer back: the run begins with the share itself. Who has begun with it may go on.
+    fn withdraw(&self, share: usize);
+
+    /// A share that came back, and its networks as [`fit_share`](super::fit_share) gave them.
+    fn fitted(&self) -> Option<(usize, Vec<u8>)>;
 }

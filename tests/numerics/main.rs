@@ -7,6 +7,7 @@ mod engines;
 mod ensemble;
 mod fewer_triangles;
 mod gated;
+mod helpers;
 mod kinds;
 mod medical;
 mod mesh;

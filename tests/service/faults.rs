@@ -326,6 +326,7 @@ async fn a_worker_that_wakes_after_its_lease_publishes_nothing() {
         grace: Duration::from_secs(10),
         events_limit: 1_000,
         metrics_limit: 1_000,
+        slots: 1,
     })
     .unwrap();
     orders["log_format"] = json!("text");

@@ -39,6 +39,8 @@ pub enum Named {
     History,
     /// A part of an upload that may go on.
     Part,
+    /// Blocks of a running job, for idle workers.
+    Share,
 }
 
 /// What is wrong with bytes.
@@ -95,13 +97,14 @@ struct Claim {
 
 impl Named {
     /// All of them.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Cloud,
         Self::Mesh,
         Self::Model,
         Self::Checkpoint,
         Self::History,
         Self::Part,
+        Self::Share,
     ];
 
     /// Their rows, a page in the order of what the page goes on after.
@@ -130,6 +133,10 @@ impl Named {
             Self::Part => {
                 "SELECT upload_id AS of, object AS place, CAST(NULL AS TEXT) AS sha256, bytes, object
                  FROM upload_parts WHERE object > ?1 ORDER BY object LIMIT ?2"
+            }
+            Self::Share => {
+                "SELECT job_id AS of, object AS place, CAST(NULL AS TEXT) AS sha256, bytes, object
+                 FROM shares WHERE object > ?1 ORDER BY object LIMIT ?2"
             }
         }
     }

@@ -61,6 +61,7 @@ pub use records::meshes::MeshInfo;
 pub use records::nodes::{NewNode, Role};
 pub use records::queue::Waiting;
 pub use records::sessions::Session;
+pub use records::shares::{Offered, Share};
 pub use schema::Schema;
 pub use sqlite::origin::is_ours;
 

@@ -9,6 +9,7 @@ use tokio::time::MissedTickBehavior;
 use tokio_util::task::AbortOnDropHandle;
 
 use super::control::{Control, Stop};
+use super::desk::{Clerk, Desk};
 use super::insist::Insist;
 use super::progress::Pending;
 use super::puts::{Content, Puts};
@@ -42,6 +43,8 @@ pub(super) struct Attempt<'a> {
     pending: Pending,
     insist: Insist,
     puts: Puts,
+    desk: Arc<Desk>,
+    _clerk: AbortOnDropHandle<()>,
     claim: Claim,
 }
 
@@ -56,9 +59,18 @@ impl<'a> Attempt<'a> {
             grace: worker.options.grace,
             told: Arc::new(AtomicBool::new(false)),
         };
+        let (desk, orders) = Desk::new();
+        let clerk = Clerk {
+            store: worker.store.clone(),
+            claim: claim.clone(),
+            desk: Arc::clone(&desk),
+            slots: worker.options.slots,
+        };
         Self {
             worker,
             control,
+            desk,
+            _clerk: AbortOnDropHandle::new(tokio::spawn(clerk.serve(orders))),
             pending: Pending::new(worker.options.metrics_limit - claim.job.metrics),
             puts: Puts::new(insist.clone()),
             insist,
@@ -115,12 +127,13 @@ impl<'a> Attempt<'a> {
         let control = Arc::clone(&self.control);
         let interval = self.worker.options.checkpoint_interval;
         let work = Arc::clone(&self.worker.work);
+        let desk = Arc::clone(&self.desk);
         std::thread::Builder::new()
             .name("reconstruct".to_owned())
             .spawn(move || {
                 let outcome = in_pool(move || {
                     let data = checkpoint.map(|checkpoint| checkpoint.data);
-                    let sink = Sink::new(sender, control, data, interval);
+                    let sink = Sink::new(sender, control, data, interval, desk);
                     let product = work(&assignment, &sink);
                     // One that was fetched is removed before its surface is encoded.
                     drop(file);

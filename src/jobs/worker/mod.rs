@@ -7,6 +7,8 @@
 
 mod attempt;
 mod control;
+mod desk;
+mod help;
 mod insist;
 mod lease;
 mod progress;
@@ -23,7 +25,9 @@ use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
 use super::{JobId, Result, Store};
+use crate::reconstruction::processor;
 use attempt::Attempt;
+use help::Help;
 
 pub use work::{Assignment, Failure, Product, Work, reconstruction};
 
@@ -51,6 +55,8 @@ pub struct Options {
     pub events_limit: i64,
     /// Most metric rows of a job.
     pub metrics_limit: i64,
+    /// Worker processes of this service, itself among them.
+    pub slots: u16,
 }
 
 /// What comes into a worker from outside, and what it tells there.
@@ -128,7 +134,11 @@ impl Worker {
                     }
                     continue;
                 }
-                Ok(None) => {}
+                Ok(None) => {
+                    if self.help().await {
+                        continue;
+                    }
+                }
                 Err(super::Error::Closed) => return Err(super::Error::Closed),
                 Err(error) => tracing::warn!(error.message = %error, "no job can be claimed"),
             }
@@ -139,6 +149,21 @@ impl Worker {
             }
         }
         Ok(End::Stopped)
+    }
+
+    /// Fits blocks of a job of another worker, if there are any; whether there were.
+    async fn help(&self) -> bool {
+        match self.store.take_share(&self.name, &processor()).await {
+            Ok(Some(share)) => {
+                Help::new(self, share).run().await;
+                true
+            }
+            Ok(None) => false,
+            Err(error) => {
+                tracing::warn!(error.message = %error, "no blocks of another job can be fitted");
+                false
+            }
+        }
     }
 }
 

@@ -7,10 +7,11 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
 use super::control::{Control, Stop};
+use super::desk::Desk;
 use super::work::encode;
 use crate::jobs::NewMesh;
 use crate::reconstruction::training::{GradientHistogram, Metrics};
-use crate::reconstruction::{Event, Observer, Phase, Warning};
+use crate::reconstruction::{Event, Helpers, Observer, Phase, Warning};
 
 /// What the thread tells.
 #[derive(Debug)]
@@ -32,6 +33,7 @@ pub(super) struct Sink {
     checkpoint: Option<Vec<u8>>,
     checkpoint_interval: Duration,
     last_checkpoint: Cell<Instant>,
+    desk: Arc<Desk>,
 }
 
 impl Sink {
@@ -40,6 +42,7 @@ impl Sink {
         control: Arc<Control>,
         checkpoint: Option<Vec<u8>>,
         checkpoint_interval: Duration,
+        desk: Arc<Desk>,
     ) -> Self {
         let start = Instant::now();
         Self {
@@ -49,6 +52,7 @@ impl Sink {
             checkpoint,
             checkpoint_interval,
             last_checkpoint: Cell::new(start),
+            desk,
         }
     }
 }
@@ -102,6 +106,10 @@ impl Observer for Sink {
 
     fn checkpoint(&self) -> Option<&[u8]> {
         self.checkpoint.as_deref()
+    }
+
+    fn helpers(&self) -> Option<&dyn Helpers> {
+        Some(&*self.desk)
     }
 
     fn seconds(&self) -> f64 {

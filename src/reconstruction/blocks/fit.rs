@@ -1,16 +1,19 @@
 //! Fitting the networks of all blocks, several at a time.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use super::block::Block;
+use super::board::Board;
 use super::input::{BlockInput, Fitted};
 use super::samples::Places;
+use super::share::Share;
 use crate::reconstruction::error::Error;
 use crate::reconstruction::network::Scalar;
-use crate::reconstruction::observer::{Event, Observer};
+use crate::reconstruction::observer::{Event, Helpers, Observer};
 use crate::reconstruction::plan::{BlockPlan, Plan};
 use crate::reconstruction::sampling::Uncertainty;
+use crate::reconstruction::training::Identity;
 use crate::reconstruction::vector::Vec3;
 
 /// What all blocks share.
@@ -26,6 +29,8 @@ pub(super) struct Task<'a> {
     pub(super) held_out_coarse: &'a [f64],
     /// How far the points of the cloud can be trusted, in the frame of the run.
     pub(super) uncertainty: Uncertainty,
+    /// Whether the engine is the fused one.
+    pub(super) is_fused: bool,
 }
 
 impl Task<'_> {
@@ -55,7 +60,6 @@ impl Task<'_> {
             })
             .unzip();
         BlockInput {
-            precision: settings.network.precision,
             engine: self.plan.engine,
             architecture: planned.architecture.clone(),
             training: planned.training.clone(),
@@ -72,12 +76,38 @@ impl Task<'_> {
     }
 }
 
+impl Task<'_> {
+    /// Who may fit blocks of this run: the bits of the other engines depend on more than [`processor`] tells.
+    ///
+    /// [`processor`]: super::share::processor
+    fn helpers<'o>(&self, observer: &'o dyn Observer) -> Option<&'o dyn Helpers> {
+        observer.helpers().filter(|_| self.is_fused)
+    }
+
+    /// Takes what helpers have fitted, and offers what they want.
+    fn exchange<T: Scalar>(&self, board: &Mutex<Board<T>>, helpers: &dyn Helpers) {
+        while let Some((share, networks)) = helpers.fitted() {
+            lock(board).take(share, &networks);
+        }
+        for _ in 0..helpers.wanted() {
+            let Some((share, blocks)) = lock(board).offer() else {
+                return;
+            };
+            // Not in parallel: a thread that waits for others may begin one of their loops, and not come back.
+            let blocks = blocks.into_iter().map(|k| self.input(k)).collect();
+            let input = Share { blocks }.encode();
+            lock(board).offered(share, Identity::of(&input));
+            helpers.offer(share, input);
+        }
+    }
+}
+
 /// Networks of blocks, where they are fitted.
 pub(super) type Done<T> = Vec<Option<Fitted<T>>>;
 
-/// Fits the blocks that are not `done`, on all threads of the pool; after each that the calling thread has fitted,
-/// `told` hears of what is done so far, and at the end of whether it was stopped. A block is the same whatever else is
-/// fitted beside it.
+/// Fits the blocks that are not `done`, on all threads of the pool and with the helpers of the observer; after each that
+/// the calling thread has fitted, `told` hears of what is done so far, and at the end of whether it was stopped. A block
+/// is the same whatever else is fitted beside it, and whoever fits it.
 ///
 /// # Errors
 /// [`Error::Cancelled`] where the observer stops the run; what an engine reports.
@@ -87,17 +117,19 @@ pub(super) fn fit<T: Scalar>(
     observer: &dyn Observer,
     told: &mut dyn FnMut(&Done<T>, bool),
 ) -> Result<Done<T>, Error> {
-    let open: Vec<usize> = (0..done.len()).filter(|&k| done[k].is_none()).collect();
-    let next = AtomicUsize::new(0);
+    let helpers = task.helpers(observer);
     let stop = AtomicBool::new(false);
-    let done = Mutex::new(done);
+    let board = Mutex::new(Board::new(done));
     let failure = Mutex::new(None);
     let work = |watch: &dyn Observer| -> bool {
-        let Some(&k) = open.get(next.fetch_add(1, Ordering::Relaxed)) else {
+        let Some(next) = lock(&board).next() else {
             return false;
         };
-        match task.input(k).fit(watch) {
-            Ok(fitted) => lock(&done)[k] = Some(fitted),
+        if let (Some(share), Some(helpers)) = (next.withdrawn, helpers) {
+            helpers.withdraw(share);
+        }
+        match task.input(next.block).fit(watch) {
+            Ok(fitted) => lock(&board).done[next.block] = Some(fitted),
             Err(error) => {
                 stop.store(true, Ordering::Relaxed);
                 lock(&failure).get_or_insert(error);
@@ -113,21 +145,30 @@ pub(super) fn fit<T: Scalar>(
             observer,
             stop: &stop,
         };
+        let exchange = || {
+            helpers
+                .iter()
+                .for_each(|helpers| task.exchange(&board, *helpers))
+        };
+        exchange();
         while work(&watch) {
-            told(&lock(&done), false);
+            exchange();
+            told(&lock(&board).done, false);
         }
     });
-    told(&lock(&done), stop.load(Ordering::Relaxed));
+    let done = board
+        .into_inner()
+        .unwrap_or_else(PoisonError::into_inner)
+        .done;
+    told(&done, stop.load(Ordering::Relaxed));
     match failure.into_inner().unwrap_or_default() {
         Some(error) => Err(error),
-        None => Ok(done.into_inner().unwrap_or_default()),
+        None => Ok(done),
     }
 }
 
 fn lock<V>(mutex: &Mutex<V>) -> std::sync::MutexGuard<'_, V> {
-    mutex
-        .lock()
-        .unwrap_or_else(std::sync::PoisonError::into_inner)
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Stops a block where another one has failed or the run ends.

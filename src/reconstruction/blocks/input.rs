@@ -1,33 +1,21 @@
 //! What the fit of one block depends on, complete: wherever it is fitted, its network is the same.
-//!
-//! The `auto` and `fused` engines add in the order of the processor's widest vectors: the same bits need the same
-//! [instruction set](crate::reconstruction::network::instruction_sets).
 
 use std::cell::Cell;
 
 use serde::{Deserialize, Serialize};
-use thiserror::Error as ThisError;
 
 use crate::reconstruction::error::Error;
 use crate::reconstruction::network::{Architecture, Scalar, initial_parameters, sequential_engine};
 use crate::reconstruction::observer::{Event, Observer};
 use crate::reconstruction::sampling::Samples;
-use crate::reconstruction::settings::{Engine, Precision, Training};
+use crate::reconstruction::settings::{Engine, Training};
 use crate::reconstruction::surface::Field;
-use crate::reconstruction::training::{
-    Hooks, Identity, Problem, Refusal, Termination, seal, train, unseal,
-};
+use crate::reconstruction::training::{Hooks, Identity, Problem, Termination, train};
 use crate::reconstruction::vector::Vec3;
-
-/// Changes with the input or with what a fit does with it.
-const INPUT: &[u8; 8] = b"MWBLKIN1";
-/// Changes with what is kept of a fit.
-const FITTED: &[u8; 8] = b"MWBLKFT1";
 
 /// One block to be fitted, in the frame of its network.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct BlockInput {
-    pub(super) precision: Precision,
+pub(super) struct BlockInput {
     pub(super) engine: Engine,
     pub(super) architecture: Architecture,
     pub(super) training: Training,
@@ -46,39 +34,6 @@ pub struct BlockInput {
     /// Points that the block is not fitted to, and what its network should say there.
     pub(super) held_out: Vec<Vec3>,
     pub(super) held_out_targets: Vec<f64>,
-}
-
-/// Why bytes are not the input of a block, or not the network that was fitted to it.
-#[derive(Debug, ThisError)]
-#[error("the bytes of a block cannot be used: what they hold {0}")]
-pub struct BlockRefusal(Refusal);
-
-/// Why a block that came as bytes has no network.
-#[derive(Debug, ThisError)]
-#[non_exhaustive]
-pub enum BlockError {
-    /// The bytes are damaged or of another version.
-    #[error(transparent)]
-    Input(#[from] BlockRefusal),
-    /// The fit was stopped or failed.
-    #[error(transparent)]
-    Fit(#[from] Error),
-}
-
-/// Fits the block that [`BlockInput::encode`] wrote, on the calling thread; the answer is its network as bytes.
-///
-/// # Errors
-/// [`BlockError::Input`] for other bytes; [`Error::Cancelled`] where the observer stops it; what an engine reports.
-///
-/// # Determinism
-/// The same bytes and instruction set give the same network, bit for bit.
-pub fn fit_block(input: &[u8], observer: &dyn Observer) -> Result<Vec<u8>, BlockError> {
-    let block = BlockInput::decode(input)?;
-    let identity = Identity::of(input);
-    Ok(match block.precision {
-        Precision::F32 => seal(*FITTED, &identity, &block.fit::<f32>(observer)?),
-        Precision::F64 => seal(*FITTED, &identity, &block.fit::<f64>(observer)?),
-    })
 }
 
 /// The network of a block.
@@ -102,38 +57,9 @@ pub(super) struct Fitted<T> {
     pub(super) termination: Termination,
 }
 
-impl<T: Scalar> Fitted<T> {
-    /// Reads what [`fit_block`] gave for these bytes of an input.
-    ///
-    /// # Errors
-    /// [`BlockRefusal`] for bytes that are damaged, of another version, or the network of another input.
-    #[cfg(test)]
-    pub(super) fn decode(bytes: &[u8], input: &[u8]) -> Result<Self, BlockRefusal> {
-        unseal(*FITTED, &Identity::of(input), bytes).map_err(BlockRefusal)
-    }
-}
-
 impl BlockInput {
-    /// As bytes, with a version and a hash.
-    pub fn encode(&self) -> Vec<u8> {
-        seal(*INPUT, &Identity::default(), self)
-    }
-
-    /// Reads what [`Self::encode`] wrote.
-    ///
-    /// # Errors
-    /// [`BlockRefusal`] for bytes that are damaged, of another version, or contradict themselves.
-    pub fn decode(bytes: &[u8]) -> Result<Self, BlockRefusal> {
-        let input: Self = unseal(*INPUT, &Identity::default(), bytes).map_err(BlockRefusal)?;
-        if input.is_sound() {
-            Ok(input)
-        } else {
-            Err(BlockRefusal(Refusal::Damaged))
-        }
-    }
-
     /// Whether its parts fit each other, so that a fit can begin.
-    fn is_sound(&self) -> bool {
+    pub(super) fn is_sound(&self) -> bool {
         let (samples, shape) = (&self.samples, &self.architecture);
         let count = samples.points.len();
         let lengths = [
@@ -248,6 +174,3 @@ impl Observer for Steps<'_> {
         0.0
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -4,6 +4,7 @@
 //! The one network, fitted to an even subset as far as it came, is the coarse field. It rules where no block does.
 
 mod block;
+mod board;
 mod checkpoint;
 mod field;
 mod fit;
@@ -14,9 +15,10 @@ mod model;
 mod partition;
 mod samples;
 mod series;
+mod share;
 
 use super::error::Error;
-use super::network::{Engine, Scalar, sequential_engine};
+use super::network::{Engine, Fused, Scalar, sequential_engine};
 use super::observer::{Event, Observer};
 use super::plan::{BlockPlan, Plan};
 use super::random::{Purpose, stream};
@@ -36,8 +38,8 @@ use series::Series;
 
 pub use block::Block;
 use field::{BlockField, Coarse};
-pub use input::{BlockError, BlockInput, BlockRefusal, fit_block};
 pub use model::BlockModel;
+pub use share::{ShareError, ShareRefusal, fit_share, processor};
 
 pub(super) use checkpoint::State;
 
@@ -119,7 +121,10 @@ pub(super) fn refine<T: Scalar>(
         held_out_coarse = coarse.at(&held_out)?;
     }
     let lookup = Lookup::new(blocks.iter().map(|block| block.reach).collect());
+    let nothing: Samples = [([0.0; 3], 0.0)].into_iter().collect();
+    let engine = sequential_engine(plan.engine, &planned.architecture, &nothing)?;
     let task = Task {
+        is_fused: engine.name() == Fused::NAME,
         held_out: &held_out,
         held_out_of: &members(&lookup, blocks.len(), &held_out),
         held_out_coarse: &held_out_coarse,
@@ -156,11 +161,10 @@ pub(super) fn refine<T: Scalar>(
     prepared.surface = pick(&scan.indices, fitted);
     prepared.held_out = pick(&scan.indices, &split.held_out);
     prepared.blocks = blocks.len();
-    let nothing: Samples = [([0.0; 3], 0.0)].into_iter().collect();
     Ok(Some(Refined {
         blocks,
         fitted: done.into_iter().flatten().collect(),
-        engine: sequential_engine(plan.engine, &planned.architecture, &nothing)?,
+        engine,
         coarse_band: scan.band,
         coarse_input: settings.network.coarse_input,
     }))

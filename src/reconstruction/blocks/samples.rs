@@ -17,7 +17,7 @@ use crate::reconstruction::vector::Vec3;
 const FAR_SHARE: f64 = 0.2;
 
 /// Points that are worked with at a time, which bounds the memory beside what is kept of them.
-const AT_A_TIME: usize = 1 << 15;
+const AT_A_TIME: usize = 1 << 19;
 
 /// Places with their signed distances from the surface, in the frame of the run.
 pub(super) struct Places {

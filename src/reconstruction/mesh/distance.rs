@@ -1,6 +1,7 @@
 //! Distances between points and surfaces, exact: to the closest point of a triangle, not to the
 //! closest vertex or sample.
 
+use std::iter;
 use std::ops::Range;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -13,8 +14,9 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::TriangleMesh;
+use crate::reconstruction::nearby::{map_nearby, morton_order};
 use crate::reconstruction::random::Generator;
-use crate::reconstruction::vector::{Vec3, along, distance, sub};
+use crate::reconstruction::vector::{Vec3, along, distance, norm, sub};
 
 /// The point of a mesh that is closest to another.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -93,7 +95,10 @@ impl SurfaceTree {
 
     /// [`closest`](Self::closest) for each of `points`, in their order, on all threads.
     pub fn closest_to_each(&self, points: &[Vec3]) -> Vec<Closest> {
-        points.par_iter().map(|&p| self.closest(p)).collect()
+        map_nearby(points, |i| Some(self.closest(points[i])))
+            .into_iter()
+            .flatten()
+            .collect()
     }
 
     /// Triangles whose boxes meet that of `corners`, itself among them, in the order of the tree.
@@ -108,10 +113,7 @@ impl SurfaceTree {
 
     /// Distance of each of `points` from the mesh, in their order.
     pub fn distances(&self, points: &[Vec3]) -> Vec<f64> {
-        points
-            .par_iter()
-            .map(|&p| self.closest(p).distance)
-            .collect()
+        map_nearby(points, |i| self.closest(points[i]).distance)
     }
 }
 
@@ -128,14 +130,19 @@ pub fn closest_to_each(mesh: &TriangleMesh, points: &[Vec3]) -> Option<Vec<Close
 
 fn closest_by_parts(mesh: &TriangleMesh, points: &[Vec3], part: usize) -> Option<Vec<Closest>> {
     let count = mesh.triangles.len();
-    let parts = (0..count).step_by(part);
-    let mut trees =
-        parts.filter_map(|first| SurfaceTree::of_part(mesh, first..(first + part).min(count)));
-    let mut found = trees.next()?.closest_to_each(points);
-    for tree in trees {
+    if count <= part {
+        return Some(SurfaceTree::new(mesh)?.closest_to_each(points));
+    }
+    let order = morton_order(points);
+    let sorted: Vec<Vec3> = order.iter().map(|&(_, i)| points[i as usize]).collect();
+    let mut found = within_reach(mesh, &sorted, part)?;
+    for first in (0..count).step_by(part) {
+        let Some(tree) = SurfaceTree::of_part(mesh, first..(first + part).min(count)) else {
+            continue;
+        };
         found
             .par_iter_mut()
-            .zip(points)
+            .zip(&sorted)
             .for_each(|(closest, &point)| {
                 let closer = tree.closer(point, closest.distance.min(f64::MAX));
                 if let Some(closer) = closer.filter(|c| c.distance < closest.distance) {
@@ -143,7 +150,38 @@ fn closest_by_parts(mesh: &TriangleMesh, points: &[Vec3], part: usize) -> Option
                 }
             });
     }
-    Some(found)
+    let mut all = found.clone();
+    for (&(_, i), found) in order.iter().zip(found) {
+        all[i as usize] = found;
+    }
+    Some(all)
+}
+
+/// What is surely farther than the closest point of the mesh, for each of `points`: a corner of one of so many of its
+/// triangles. A part of the mesh that is not near a point is left after one look then.
+fn within_reach(mesh: &TriangleMesh, points: &[Vec3], most: usize) -> Option<Vec<Closest>> {
+    let with_area = |&t: &usize| mesh.triangle_area(t) > 0.0;
+    let first = (0..mesh.triangles.len()).find(with_area)?;
+    let chosen = (0..mesh.triangles.len()).step_by(mesh.triangles.len().div_ceil(most));
+    let corners: Vec<Vec3> = iter::once(first)
+        .chain(chosen.filter(with_area))
+        .map(|t| mesh.corners(t)[0])
+        .collect();
+    let nearest = PointTree::new(&corners)?;
+    let reach = |point: Vec3| {
+        if point.iter().all(|c| c.is_finite()) {
+            // Beyond what rounding adds to either distance: their digits are those of coordinates.
+            let digits = 64.0 * f64::EPSILON * (norm(point) + norm(corners[0]));
+            nearest.distance(point) * (1.0 + 1e-6) + digits + f64::MIN_POSITIVE
+        } else {
+            f64::INFINITY
+        }
+    };
+    let farther = |&point: &Vec3| Closest {
+        distance: reach(point),
+        triangle: first,
+    };
+    Some(points.par_iter().map(farther).collect())
 }
 
 /// Finds the nearest of some points.
@@ -164,15 +202,14 @@ impl<'a> PointTree<'a> {
 
     /// Distance of each of `points` from the nearest indexed point, in their order, on all threads.
     pub fn distances(&self, points: &[Vec3]) -> Vec<f64> {
-        let nearest = |p: &Vec3| {
-            let found = self
-                .tree
-                .query(p)
-                .nearest_one::<SquaredEuclidean<f64>>()
-                .execute();
-            distance(*p, self.points[found.item as usize])
-        };
-        points.par_iter().map(nearest).collect()
+        map_nearby(points, |i| self.distance(points[i]))
+    }
+
+    /// Distance of a point from the nearest indexed one.
+    fn distance(&self, point: Vec3) -> f64 {
+        let nearest = self.tree.query(&point);
+        let found = nearest.nearest_one::<SquaredEuclidean<f64>>().execute();
+        distance(point, self.points[found.item as usize])
     }
 }
 

@@ -14,8 +14,8 @@ mod scalar;
 
 pub use architecture::{Architecture, Layer};
 pub use ensemble::{Ensemble, MeanField};
-pub(super) use fused::TILE_POINTS;
 pub use fused::{Fused, Threads, instruction_sets};
+pub(super) use fused::{TILE_POINTS, vector_width};
 pub use initialisation::initial_parameters;
 pub use libtorch::Libtorch;
 pub use output_layer::OutputEquations;

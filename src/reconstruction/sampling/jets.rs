@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::neighbours::{Neighbourhoods, quantile, tangents};
 use crate::reconstruction::cholesky;
+use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::vector::{Vec3, along, dot, norm, normalized, sub};
 
 /// Sizes of neighbourhoods that are tried, in multiples of the chosen number of neighbours.
@@ -102,26 +103,20 @@ impl Jets {
 
     /// The same from one quadric through the nearest points of each: where points are many, slopes need no more.
     pub fn nearest(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) -> Self {
-        let fits: Vec<Option<Fit>> = (0..points.len())
-            .into_par_iter()
-            .map(|i| {
-                let arms = same_sheet(points, normals, neighbours, i);
-                fit(&arms, normals[i], DEGREES[1])
-            })
-            .collect();
-        let errors = (0..points.len())
-            .into_par_iter()
-            .filter_map(|i| {
-                let pool = iter::once(i).chain(neighbours.of(i).take(POOLED));
-                root_mean_square(pool.filter_map(|j| fits[j].map(|fit| fit.error)))
-            })
-            .collect();
+        let fits: Vec<Option<Fit>> = map_nearby(points, |i| {
+            let arms = same_sheet(points, normals, neighbours, i);
+            fit(&arms, normals[i], DEGREES[1])
+        });
+        let errors = map_nearby(points, |i| {
+            let pool = iter::once(i).chain(neighbours.of(i).take(POOLED));
+            root_mean_square(pool.filter_map(|j| fits[j].map(|fit| fit.error)))
+        });
         let chosen = fits.iter().zip(normals);
         Self {
             normals: chosen
                 .map(|(fit, normal)| fit.map_or(*normal, |fit| fit.normal))
                 .collect(),
-            errors,
+            errors: errors.into_iter().flatten().collect(),
         }
     }
 

@@ -4,10 +4,9 @@
 
 use std::num::NonZero;
 
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use rayon::prelude::*;
-
+use crate::reconstruction::nearby::{for_each_nearby, map_nearby};
 use crate::reconstruction::vector::{Vec3, cross, distance, dot, normalized, sub};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 /// Neighbours over which the local spacing is averaged: those around a point of an even sampling.
 const SPACING_NEIGHBOURS: usize = 6;
@@ -75,17 +74,14 @@ impl Neighbourhoods {
     pub fn new(tree: &Tree, points: &[Vec3], count: usize) -> Self {
         let count = count.min(points.len() - 1);
         let mut indices = vec![0; count * points.len()];
-        // Without neighbours there is nothing to write, but a chunk has at least one place.
-        indices
-            .par_chunks_mut(count.max(1))
-            .enumerate()
-            .for_each(|(i, list)| {
-                let near = tree.nearest_n(points[i], count + 1);
-                let others = near.into_iter().map(|(j, _)| j).filter(|j| *j != i);
-                for (to, j) in list.iter_mut().zip(others) {
-                    *to = j as u32;
-                }
-            });
+        let near = |i: usize| tree.nearest_n(points[i], count + 1);
+        for_each_nearby(points, near, |i, near| {
+            let others = near.into_iter().map(|(j, _)| j).filter(|j| *j != i);
+            let list = &mut indices[i * count..(i + 1) * count];
+            for (to, j) in list.iter_mut().zip(others) {
+                *to = j as u32;
+            }
+        });
         Self { count, indices }
     }
 
@@ -103,15 +99,12 @@ impl Neighbourhoods {
 
     /// Local spacing of each point: the mean distance to its nearest distinct neighbours.
     pub fn spacings(&self, points: &[Vec3]) -> Vec<f64> {
-        (0..points.len())
-            .into_par_iter()
-            .map(|i| {
-                let near = self.of(i).map(|j| distance(points[i], points[j]));
-                let near = near.filter(|d| *d > 0.0).take(SPACING_NEIGHBOURS);
-                let (count, sum) = near.fold((0_u32, 0.0), |(count, sum), d| (count + 1, sum + d));
-                sum / f64::from(count.max(1))
-            })
-            .collect()
+        map_nearby(points, |i| {
+            let near = self.of(i).map(|j| distance(points[i], points[j]));
+            let near = near.filter(|d| *d > 0.0).take(SPACING_NEIGHBOURS);
+            let (count, sum) = near.fold((0_u32, 0.0), |(count, sum), d| (count + 1, sum + d));
+            sum / f64::from(count.max(1))
+        })
     }
 
     /// Area of the surface that each point stands for: its Voronoi cell among its neighbours in
@@ -120,24 +113,21 @@ impl Neighbourhoods {
     /// Neighbours whose normal points the other way belong to the far side of a thin part and are
     /// left out. The others are projected, so that noise along the normal adds no area.
     pub fn areas(&self, points: &[Vec3], normals: &[Vec3], spacings: &[f64]) -> Vec<f64> {
-        (0..points.len())
-            .into_par_iter()
-            .map(|i| {
-                let (u, v) = tangents(normals[i]);
-                let reach = CELL_REACH * spacings[i];
-                let mut cell = vec![
-                    [-reach, -reach],
-                    [reach, -reach],
-                    [reach, reach],
-                    [-reach, reach],
-                ];
-                for j in self.of(i).filter(|&j| dot(normals[i], normals[j]) > 0.0) {
-                    let edge = sub(points[j], points[i]);
-                    cell = clip(&cell, [dot(edge, u), dot(edge, v)]);
-                }
-                area(&cell)
-            })
-            .collect()
+        map_nearby(points, |i| {
+            let (u, v) = tangents(normals[i]);
+            let reach = CELL_REACH * spacings[i];
+            let mut cell = vec![
+                [-reach, -reach],
+                [reach, -reach],
+                [reach, reach],
+                [-reach, reach],
+            ];
+            for j in self.of(i).filter(|&j| dot(normals[i], normals[j]) > 0.0) {
+                let edge = sub(points[j], points[i]);
+                cell = clip(&cell, [dot(edge, u), dot(edge, v)]);
+            }
+            area(&cell)
+        })
     }
 }
 

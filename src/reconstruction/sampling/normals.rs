@@ -1,11 +1,11 @@
 //! Normals of a cloud: the given ones, checked, or estimated ones, oriented.
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::given::judged;
 use super::neighbours::{Neighbourhoods, Tree};
 use super::orientation::{orient, points_inwards};
+use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::symmetric::{covariance, eigen};
 use crate::reconstruction::vector::{Vec3, add, dot, normalized, scale, sub};
@@ -99,27 +99,21 @@ pub fn normals(
 /// in `neighbours` on, and the one whose points lie flattest is taken: thin parts ask for few,
 /// noise above the spacing for many.
 pub(super) fn estimate(points: &[Vec3], tree: &Tree, neighbours: usize) -> Vec<Vec3> {
-    points
-        .par_iter()
-        .map(|&p| plane(points, tree, p, neighbours))
-        .collect()
+    map_nearby(points, |i| plane(points, tree, points[i], neighbours))
 }
 
 /// Unit normals at `places`: each the mean of those of the nearest points of `tree` on the same sheet, whose unit
 /// normals are `normals`.
 pub(super) fn shared(places: &[Vec3], tree: &Tree, normals: &[Vec3]) -> Vec<Vec3> {
-    places
-        .par_iter()
-        .map(|p| {
-            let near = tree.nearest_n(*p, SHARED);
-            let first = normals[near[0].0];
-            let same = near
-                .iter()
-                .map(|&(i, _)| normals[i])
-                .filter(|normal| dot(*normal, first) > 0.0);
-            normalized(same.fold([0.0; 3], add)).unwrap_or(first)
-        })
-        .collect()
+    map_nearby(places, |i| {
+        let near = tree.nearest_n(places[i], SHARED);
+        let first = normals[near[0].0];
+        let same = near
+            .iter()
+            .map(|&(i, _)| normals[i])
+            .filter(|normal| dot(*normal, first) > 0.0);
+        normalized(same.fold([0.0; 3], add)).unwrap_or(first)
+    })
 }
 
 /// The direction of [`estimate`] at one place.

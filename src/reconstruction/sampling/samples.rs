@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::Samples;
 use super::oriented::OrientedSurface;
+use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::random::Generator;
 use crate::reconstruction::settings::Targets;
 use crate::reconstruction::vector::{Bounds, Vec3, along, dot};
@@ -66,16 +67,15 @@ impl Sampler<'_> {
                 (i, STEPS.0 + (STEPS.1 - STEPS.0) * share)
             })
             .collect();
-        let found: Vec<[Option<(Vec3, f64)>; 2]> = steps
-            .par_iter()
-            .map(|&(i, share)| {
-                let step = share * self.thinning * self.surface.spacings[i];
-                [-step, step].map(|step| {
-                    self.confirmed(i, step)
-                        .or_else(|| self.confirmed(i, 0.5 * step))
-                })
+        let places: Vec<Vec3> = steps.iter().map(|&(i, _)| self.surface.points[i]).collect();
+        let found: Vec<[Option<(Vec3, f64)>; 2]> = map_nearby(&places, |k| {
+            let (i, share) = steps[k];
+            let step = share * self.thinning * self.surface.spacings[i];
+            [-step, step].map(|step| {
+                self.confirmed(i, step)
+                    .or_else(|| self.confirmed(i, 0.5 * step))
             })
-            .collect();
+        });
         found.into_iter().flatten().flatten().collect()
     }
 

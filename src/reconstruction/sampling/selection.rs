@@ -4,14 +4,12 @@ use std::collections::HashSet;
 
 use rand::RngExt;
 
+use crate::reconstruction::nearby::morton_order;
 use crate::reconstruction::random::Generator;
-use crate::reconstruction::vector::{Bounds, Vec3, bits};
+use crate::reconstruction::vector::{Vec3, bits};
 
 /// Fewest points that stay in training when a small cloud gives some to validation.
 const MIN_TRAINED: usize = 64;
-
-/// Bits of a Morton code per axis.
-const MORTON_BITS: u32 = 21;
 
 /// Positions in a list of points that are trained on and those that are not; both ascending.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -74,35 +72,15 @@ pub fn even_subset(points: &[Vec3], count: usize, random: &mut Generator) -> Vec
     if count >= len {
         return (0..len).collect();
     }
-    let Some(bounds) = Bounds::of(points) else {
-        return Vec::new();
-    };
-    let mut order: Vec<(u64, usize)> = points
-        .iter()
-        .enumerate()
-        .map(|(i, p)| (morton(&bounds, *p), i))
-        .collect();
-    order.sort_unstable();
+    let order = morton_order(points);
     let mut chosen: Vec<usize> = (0..count)
         .map(|run| {
             let (start, end) = (run * len / count, (run + 1) * len / count);
-            order[random.random_range(start as u64..end as u64) as usize].1
+            order[random.random_range(start as u64..end as u64) as usize].1 as usize
         })
         .collect();
     chosen.sort_unstable();
     chosen
-}
-
-/// Cells of the points along the Z-shaped curve of Morton: bits of the three axes interleaved.
-fn morton(bounds: &Bounds, p: Vec3) -> u64 {
-    let edge = bounds.longest_edge().max(f64::MIN_POSITIVE);
-    let cells = f64::from((1_u32 << MORTON_BITS) - 1);
-    (0..3).fold(0, |code, axis| {
-        let cell = ((p[axis] - bounds.min[axis]) / edge * cells) as u64;
-        (0..MORTON_BITS).fold(code, |code, bit| {
-            code | ((cell >> bit) & 1) << (3 * bit + axis as u32)
-        })
-    })
 }
 
 /// Those of `indices` whose point has not come before in the list.

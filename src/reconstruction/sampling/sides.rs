@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::neighbours::{Neighbourhoods, quantile};
 use super::winding::{Oriented, Winding};
+use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::vector::along;
 
 /// The share of the points from which to the next the winding number changes less than the doubt takes.
@@ -89,10 +90,9 @@ impl Sides {
 
     /// The winding number of the surface at each of the points: half way between both sides.
     pub(super) fn levels(&self, oriented: Oriented<'_>) -> Vec<f64> {
-        (0..oriented.points.len())
-            .into_par_iter()
-            .map(|i| middle(beside(&self.winding, oriented, i)))
-            .collect()
+        map_nearby(oriented.points, |i| {
+            middle(beside(&self.winding, oriented, i))
+        })
     }
 
     fn share(&self, holds: impl Fn([f64; 2]) -> bool) -> f64 {

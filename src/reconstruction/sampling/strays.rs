@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::evenness::even_scale;
 use super::neighbours::{Neighbourhoods, Tree, median};
+use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::symmetric::{covariance, eigen};
 use crate::reconstruction::vector::{Vec3, dot, sub};
 
@@ -62,24 +63,22 @@ fn of_even(points: &[Vec3], tree: &Tree) -> Vec<usize> {
     let base: Vec<usize> = (0..points.len()).filter(|&i| kept[i]).collect();
     let base_points: Vec<Vec3> = base.iter().map(|&i| points[i]).collect();
     let base_tree = Tree::new(&base_points);
-    let found: Vec<usize> = (0..points.len())
-        .into_par_iter()
-        .filter(|&i| {
-            // Without the point itself.
-            let around: Vec<(usize, f64)> = base_tree
-                .nearest_n(points[i], NEAR + 1)
-                .into_iter()
-                .map(|(k, distance)| (base[k], distance))
-                .filter(|&(j, _)| j != i)
-                .take(NEAR)
-                .collect();
-            let mut theirs: Vec<f64> = around.iter().map(|&(j, _)| spacings[j]).collect();
-            let spacing = median(&mut theirs);
-            let distance = around.first().map_or(0.0, |nearest| nearest.1);
-            let beside: Vec<Vec3> = around.iter().map(|&(j, _)| points[j]).collect();
-            distance > FAR * spacing || points.len() >= FEW && is_off(points[i], &beside, spacing)
-        })
-        .collect();
+    let is_stray = map_nearby(points, |i| {
+        // Without the point itself.
+        let around: Vec<(usize, f64)> = base_tree
+            .nearest_n(points[i], NEAR + 1)
+            .into_iter()
+            .map(|(k, distance)| (base[k], distance))
+            .filter(|&(j, _)| j != i)
+            .take(NEAR)
+            .collect();
+        let mut theirs: Vec<f64> = around.iter().map(|&(j, _)| spacings[j]).collect();
+        let spacing = median(&mut theirs);
+        let distance = around.first().map_or(0.0, |nearest| nearest.1);
+        let beside: Vec<Vec3> = around.iter().map(|&(j, _)| points[j]).collect();
+        distance > FAR * spacing || points.len() >= FEW && is_off(points[i], &beside, spacing)
+    });
+    let found: Vec<usize> = (0..points.len()).filter(|&i| is_stray[i]).collect();
     if found.len() as f64 > MOST * points.len() as f64 {
         return Vec::new();
     }

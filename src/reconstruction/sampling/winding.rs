@@ -1,7 +1,6 @@
 //! The winding number of oriented points: about 1 inside, about 0 outside.
 
-use rayon::prelude::*;
-
+use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::vector::{Bounds, Vec3, add, along, distance, dot, norm, scale, sub};
 
 /// Points of a leaf, summed one by one.
@@ -102,7 +101,7 @@ impl Winding {
 
     /// The winding number at each of `queries`.
     pub fn at_all(&self, queries: &[Vec3]) -> Vec<f64> {
-        queries.par_iter().map(|q| self.at(*q)).collect()
+        map_nearby(queries, |i| self.at(queries[i]))
     }
 
     /// The winding number at `q`, summed over every point: what the clusters approximate.

@@ -255,6 +255,7 @@ pub(in crate::jobs::store) async fn is_named<'e>(db: impl Into<On<'e>>, key: &st
                       OR EXISTS (SELECT 1 FROM checkpoints WHERE object = ?1)
                       OR EXISTS (SELECT 1 FROM clouds WHERE object = ?1)
                       OR EXISTS (SELECT 1 FROM upload_parts WHERE object = ?1)
-                      OR EXISTS (SELECT 1 FROM histories WHERE object = ?1)";
+                      OR EXISTS (SELECT 1 FROM histories WHERE object = ?1)
+                      OR EXISTS (SELECT 1 FROM shares WHERE object = ?1)";
     scalar(select).bind(key).fetch_one(db).await
 }

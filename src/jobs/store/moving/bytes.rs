@@ -58,6 +58,7 @@ async fn put_all(
                   UNION ALL SELECT object, bytes FROM models
                   UNION ALL SELECT object, bytes FROM checkpoints
                   UNION ALL SELECT object, bytes FROM histories
+                  UNION ALL SELECT object, bytes FROM shares
                   UNION ALL SELECT object, bytes FROM upload_parts";
     let named: Vec<(String, i64)> = sqlx::query_as(select).fetch_all(&mut *here).await?;
     for (key, bytes) in named {

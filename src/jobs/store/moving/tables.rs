@@ -10,7 +10,7 @@ use crate::jobs::store::sql::NO_NUL;
 use crate::jobs::{Error, Result};
 
 /// The tables that are moved: one that another one refers to comes before that.
-pub const TABLES: [&str; 30] = [
+pub const TABLES: [&str; 31] = [
     "clouds",
     "batches",
     "jobs",
@@ -22,6 +22,7 @@ pub const TABLES: [&str; 30] = [
     "meshes",
     "models",
     "checkpoints",
+    "shares",
     "graves",
     "refused",
     "idempotency",

@@ -25,6 +25,10 @@ const MIGRATIONS: &Migrations = &[
         "histories",
         include_str!("../../../../migrations/postgres/0003_histories.sql"),
     ),
+    (
+        "shares",
+        include_str!("../../../../migrations/postgres/0004_shares.sql"),
+    ),
 ];
 
 /// The driver's own table of migrations, which its other tools know.

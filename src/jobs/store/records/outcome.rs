@@ -97,6 +97,9 @@ impl Transaction<'_> {
         if changed.rows_affected() != 1 {
             return Err(Error::Stale);
         }
+        if fence.status == Status::Running {
+            self.bury_shares(fence.id).await?;
+        }
         if status.is_final() {
             self.bury_checkpoint(fence.id).await?;
         }

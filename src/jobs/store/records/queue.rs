@@ -198,6 +198,21 @@ impl Transaction<'_> {
         Ok(())
     }
 
+    /// Adds what was worked for a job by another worker than the one that holds it.
+    pub(in crate::jobs::store) async fn count_help(&mut self, id: &JobId, ms: u64) -> Result<()> {
+        query(
+            "INSERT INTO compute (day, tenant, account, ms)
+                 SELECT ?2, tenant, account, ?3 FROM jobs WHERE id = ?1
+             ON CONFLICT (day, tenant, account) DO UPDATE SET ms = compute.ms + excluded.ms",
+        )
+        .bind(id.as_str())
+        .bind(self.now.div_euclid(DAY_MS))
+        .bind(integer(ms))
+        .execute(&mut self.db)
+        .await?;
+        Ok(())
+    }
+
     /// Number of a waiting job in the queue, 1 for the next one.
     pub(in crate::jobs::store) async fn queue_position(
         &mut self,

@@ -271,6 +271,8 @@ impl Transaction<'_> {
             "INSERT INTO graves (key) SELECT object FROM models WHERE job_id = ?1",
             "INSERT INTO graves (key) SELECT object FROM checkpoints WHERE job_id = ?1",
             "INSERT INTO graves (key) SELECT object FROM histories WHERE job_id = ?1",
+            "INSERT INTO graves (key) SELECT object FROM shares WHERE job_id = ?1",
+            "DELETE FROM shares WHERE job_id = ?1",
             "DELETE FROM histories WHERE job_id = ?1",
             "DELETE FROM job_labels WHERE job_id = ?1",
             "DELETE FROM meshes WHERE job_id = ?1",

@@ -54,7 +54,7 @@ pub(in crate::jobs::store) fn writing(connect: &SqliteConnectOptions) -> SqliteC
         .pragma("secure_delete", "ON")
 }
 
-pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 21] = [
+pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 22] = [
     ("init", include_str!("../../../../migrations/0001_init.sql")),
     (
         "erased_clouds",
@@ -129,6 +129,10 @@ pub(in crate::jobs::store) const MIGRATIONS: [(&str, &str); 21] = [
     (
         "histories",
         include_str!("../../../../migrations/0021_histories.sql"),
+    ),
+    (
+        "shares",
+        include_str!("../../../../migrations/0022_shares.sql"),
     ),
 ];
 

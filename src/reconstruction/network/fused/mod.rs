@@ -81,6 +81,9 @@ pub struct Fused {
 }
 
 impl Fused {
+    /// Its name in settings and reports.
+    pub const NAME: &str = "fused";
+
     /// Whether there is this engine for the architecture: for every scheme but `highway` and `gated`.
     pub fn supports(architecture: &Architecture) -> bool {
         rules(architecture).is_some()
@@ -173,6 +176,12 @@ impl Fused {
     }
 }
 
+/// Points that are computed with at once on the processor at hand. Sums follow it: where it is the same, so are their
+/// bits.
+pub(in crate::reconstruction) fn vector_width() -> usize {
+    block_points(Arch::new())
+}
+
 /// What the processor at hand can run, the best one first.
 pub fn instruction_sets() -> Vec<Arch> {
     #[cfg(target_arch = "x86_64")]
@@ -188,7 +197,7 @@ pub fn instruction_sets() -> Vec<Arch> {
 
 impl Engine<f32> for Fused {
     fn name(&self) -> &'static str {
-        "fused"
+        Self::NAME
     }
 
     fn architecture(&self) -> &Architecture {

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::contradiction::contradiction;
 use super::{CLEARLY_LESS, CONTRADICTS, Estimated, MANY, ROUGH, orient, refined, spanning};
+use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::random::{Purpose, stream};
 use crate::reconstruction::sampling::jets::Jets;
 use crate::reconstruction::sampling::neighbours::{Neighbourhoods, Tree, median};
@@ -81,25 +82,21 @@ impl<'a> Many<'a> {
     /// `normals` whose sides in folds come from the points themselves; `None` where the subset, of this `tree`, `bends`
     /// nowhere.
     fn grown(&self, normals: &[Vec3], tree: &Tree, bends: &[bool]) -> Option<Vec<Vec3>> {
-        let known: Vec<bool> = self
-            .points
-            .par_iter()
-            .map(|p| !tree.nearest_n(*p, NEXT).iter().any(|&(i, _)| bends[i]))
-            .collect();
+        let known: Vec<bool> = map_nearby(self.points, |i| {
+            let near = tree.nearest_n(self.points[i], NEXT);
+            !near.iter().any(|&(i, _)| bends[i])
+        });
         if known.iter().all(|known| *known) {
             return None;
         }
         let count = self.neighbours.count();
-        let directions: Vec<Vec3> = (0..self.points.len())
-            .into_par_iter()
-            .map(|i| {
-                if known[i] {
-                    normals[i]
-                } else {
-                    plane(self.points, self.tree, self.points[i], count)
-                }
-            })
-            .collect();
+        let directions: Vec<Vec3> = map_nearby(self.points, |i| {
+            if known[i] {
+                normals[i]
+            } else {
+                plane(self.points, self.tree, self.points[i], count)
+            }
+        });
         Some(spanning::grown(
             self.points,
             &directions,

@@ -1,0 +1,136 @@
+//! Blocks that others fit: the result is that of the run alone, whatever becomes of what was offered.
+
+use std::collections::BTreeSet;
+use std::sync::Mutex;
+
+use meshway::reconstruction::settings::Settings;
+use meshway::reconstruction::{
+    Event, Helpers, Observer, Preset, Reconstruction, fit_share, reconstruct,
+};
+
+use crate::blocks::bumpy;
+
+/// What helpers do with what they are offered.
+#[derive(Clone, Copy, PartialEq)]
+enum Way {
+    /// They fit it.
+    Help,
+    /// They send something else back.
+    Spoil,
+    /// They take it, and nothing comes back.
+    Vanish,
+    /// They fit it, and give each share the networks of the one before.
+    Mix,
+}
+
+struct Others {
+    way: Way,
+    offered: Mutex<BTreeSet<usize>>,
+    withdrawn: Mutex<BTreeSet<usize>>,
+    done: Mutex<Vec<(usize, Vec<u8>)>>,
+    before: Mutex<Vec<u8>>,
+}
+
+impl Others {
+    fn new(way: Way) -> Self {
+        Self {
+            way,
+            offered: Mutex::default(),
+            withdrawn: Mutex::default(),
+            done: Mutex::default(),
+            before: Mutex::default(),
+        }
+    }
+}
+
+impl Helpers for Others {
+    fn wanted(&self) -> usize {
+        1
+    }
+
+    fn offer(&self, share: usize, input: Vec<u8>) {
+        assert!(self.offered.lock().unwrap().insert(share), "offered twice");
+        let fitted = match self.way {
+            Way::Help => fit_share(&input, &|| false).unwrap(),
+            Way::Spoil => input,
+            Way::Vanish => return,
+            Way::Mix => {
+                let fitted = fit_share(&input, &|| false).unwrap();
+                std::mem::replace(&mut *self.before.lock().unwrap(), fitted)
+            }
+        };
+        self.done.lock().unwrap().push((share, fitted));
+    }
+
+    fn withdraw(&self, share: usize) {
+        assert!(self.withdrawn.lock().unwrap().insert(share));
+    }
+
+    fn fitted(&self) -> Option<(usize, Vec<u8>)> {
+        self.done.lock().unwrap().pop()
+    }
+}
+
+struct Helped<'a>(Option<&'a Others>);
+
+impl Observer for Helped<'_> {
+    fn event(&self, _: Event<'_>) {}
+
+    fn helpers(&self) -> Option<&dyn Helpers> {
+        self.0.map(|others| others as &dyn Helpers)
+    }
+
+    fn seconds(&self) -> f64 {
+        0.0
+    }
+}
+
+/// Many tiny blocks, hardly fitted.
+fn settings() -> Settings {
+    let mut settings = Preset::Balanced.settings();
+    settings.network.block_points = 4;
+    settings.training.max_evaluations = 30;
+    settings.training.block_evaluations = 3;
+    settings.surface.resolution = 32;
+    settings
+}
+
+fn run(settings: &Settings, others: Option<&Others>) -> Reconstruction {
+    reconstruct(&bumpy(3_000), settings, &Helped(others)).unwrap()
+}
+
+#[test]
+fn the_bits_do_not_depend_on_helpers() {
+    let settings = settings();
+    let alone = run(&settings, None);
+    let count = alone.report.blocks.as_ref().unwrap().count;
+    let shares = count.div_ceil(256);
+    assert!(shares > 3, "{count}");
+    for way in [Way::Help, Way::Spoil, Way::Vanish, Way::Mix] {
+        let others = Others::new(way);
+        let helped = run(&settings, Some(&others));
+        assert_eq!(helped.mesh, alone.mesh);
+        assert_eq!(helped.model, alone.model);
+        let offered = others.offered.into_inner().unwrap();
+        let withdrawn = others.withdrawn.into_inner().unwrap();
+        assert!(offered.is_subset(&(1..shares).collect()), "{offered:?}");
+        match way {
+            // All but one was offered, and came back before the run had to begin with it.
+            Way::Help => {
+                assert_eq!(offered.len(), shares - 1);
+                assert!(withdrawn.is_empty(), "{withdrawn:?}");
+            }
+            Way::Vanish => assert_eq!(withdrawn, offered),
+            Way::Spoil | Way::Mix => assert!(!offered.is_empty()),
+        }
+    }
+}
+
+#[test]
+fn engines_whose_bits_depend_on_more_are_not_helped() {
+    let mut settings = settings();
+    settings.training.engine = meshway::reconstruction::settings::Engine::Libtorch;
+    let others = Others::new(Way::Vanish);
+    run(&settings, Some(&others));
+    assert!(others.offered.into_inner().unwrap().is_empty());
+}
