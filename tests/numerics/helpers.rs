@@ -43,6 +43,18 @@ impl Others {
     }
 }
 
+/// Fits a share as another process does, on threads of its own.
+fn elsewhere(input: &[u8]) -> Vec<u8> {
+    std::thread::scope(|scope| {
+        let fitting = scope.spawn(|| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(1);
+            let fit = || fit_share(input, &|| false).unwrap();
+            pool.build().unwrap().install(fit)
+        });
+        fitting.join().unwrap()
+    })
+}
+
 impl Helpers for Others {
     fn wanted(&self) -> usize {
         1
@@ -51,11 +63,11 @@ impl Helpers for Others {
     fn offer(&self, share: usize, input: Vec<u8>) {
         assert!(self.offered.lock().unwrap().insert(share), "offered twice");
         let fitted = match self.way {
-            Way::Help => fit_share(&input, &|| false).unwrap(),
+            Way::Help => elsewhere(&input),
             Way::Spoil => input,
             Way::Vanish => return,
             Way::Mix => {
-                let fitted = fit_share(&input, &|| false).unwrap();
+                let fitted = elsewhere(&input);
                 std::mem::replace(&mut *self.before.lock().unwrap(), fitted)
             }
         };
@@ -115,9 +127,9 @@ fn the_bits_do_not_depend_on_helpers() {
         let withdrawn = others.withdrawn.into_inner().unwrap();
         assert!(offered.is_subset(&(1..shares).collect()), "{offered:?}");
         match way {
-            // All but one was offered, and came back before the run had to begin with it.
+            // Each came back before the run had to begin with it.
             Way::Help => {
-                assert_eq!(offered.len(), shares - 1);
+                assert!(offered.len() > 1, "{offered:?}");
                 assert!(withdrawn.is_empty(), "{withdrawn:?}");
             }
             Way::Vanish => assert_eq!(withdrawn, offered),

@@ -11,6 +11,7 @@ mod erasure_kinds;
 mod faults;
 mod format_jobs;
 mod full_disk;
+mod helpers;
 mod http;
 mod kind_jobs;
 mod medical_jobs;

@@ -43,12 +43,12 @@ impl SurfaceTree {
     /// # Cost
     /// O(n log n) for n triangles, and some 250 bytes for each.
     pub fn new(mesh: &TriangleMesh) -> Option<Self> {
-        Self::of_part(mesh, 0..mesh.triangles.len())
+        let origin = mesh.bounds()?.centre();
+        Self::of_part(mesh, origin, 0..mesh.triangles.len())
     }
 
-    /// Indexes some triangles of `mesh`, and only the vertices that they use.
-    fn of_part(mesh: &TriangleMesh, part: Range<usize>) -> Option<Self> {
-        let origin = mesh.bounds()?.centre();
+    /// Indexes some triangles of `mesh`, which is around `origin`, and only the vertices that they use.
+    fn of_part(mesh: &TriangleMesh, origin: Vec3, part: Range<usize>) -> Option<Self> {
         let triangles: Vec<u32> = part
             .filter(|&t| mesh.triangle_area(t) > 0.0)
             .map(|t| t as u32)
@@ -136,8 +136,10 @@ fn closest_by_parts(mesh: &TriangleMesh, points: &[Vec3], part: usize) -> Option
     let order = morton_order(points);
     let sorted: Vec<Vec3> = order.iter().map(|&(_, i)| points[i as usize]).collect();
     let mut found = within_reach(mesh, &sorted, part)?;
+    let origin = mesh.bounds()?.centre();
     for first in (0..count).step_by(part) {
-        let Some(tree) = SurfaceTree::of_part(mesh, first..(first + part).min(count)) else {
+        let part = first..(first + part).min(count);
+        let Some(tree) = SurfaceTree::of_part(mesh, origin, part) else {
             continue;
         };
         found

@@ -32,6 +32,8 @@ macro_rules! suite {
             mod machine;
             #[path = "../objects.rs"]
             mod objects;
+            #[path = "../shares.rs"]
+            mod shares;
             #[path = "../support.rs"]
             pub(crate) mod support;
             #[path = "../tenants.rs"]
