@@ -6,19 +6,17 @@ copies its row as often as asked, past the service. Then it asks as clients do, 
 part of a hundred, and the longest of 200 requests of each kind, in milliseconds.
 """
 
-import http.client
 import json
 import os
 import random
-import re
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-PROGRAM = os.environ.get("MESHWAY", ROOT / "target/release/meshway")
+from bench_service import Service
+
 ASKED = 200
 
 # Copies of the one job: a second apart, so that their names are in the order of their times. Of a hundred one
@@ -60,39 +58,6 @@ def psql(text):
     if done.returncode:
         sys.exit(done.stderr)
     return done.stdout
-
-
-class Service:
-    """A service in a folder of its own."""
-
-    def __init__(self, folder):
-        self.log = folder / "log"
-        database = os.environ["MESHWAY_TEST_DATABASE"]
-        line = [PROGRAM, "serve", "--listen=127.0.0.1:0", f"--data-dir={folder}/data", f"--database={database}",
-                "--disk-reserve-mib=0", "--disk-reserve-percent=0"]
-        self.process = subprocess.Popen(line, stderr=self.log.open("w"), stdout=subprocess.DEVNULL)
-        for _ in range(200):
-            found = re.search(r"http://(127[.]0[.]0[.]1:\d+)", self.log.read_text())
-            if found:
-                self.address = found[1]
-                return
-            time.sleep(0.1)
-        sys.exit(self.log.read_text())
-
-    def ask(self, method, path, body=None):
-        client = http.client.HTTPConnection(self.address, timeout=120)
-        begun = time.perf_counter()
-        client.request(method, path, body, {"Accept": "application/json"})
-        answer = client.getresponse()
-        data = answer.read()
-        took = 1e3 * (time.perf_counter() - begun)
-        if answer.status >= 300:
-            sys.exit(f"{path}: {answer.status} {data[:500]}")
-        return took, data
-
-    def end(self):
-        self.process.terminate()
-        self.process.wait()
 
 
 def sphere():

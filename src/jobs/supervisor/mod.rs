@@ -65,7 +65,7 @@ pub struct Options {
 /// Worker processes, as they were last seen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Workers {
-    /// Those that run and hold a job.
+    /// Those that run and hold a job, or fit blocks of one.
     pub busy: u32,
     /// Those that run and wait for one.
     pub idle: u32,

@@ -56,7 +56,14 @@ impl Supervisor {
                 }
                 Err(error) => tracing::warn!(error.message = %error, "leases were not looked at"),
             }
-            self.busy.store(self.held(&running), Ordering::Relaxed);
+            match self.store.helpers().await {
+                Ok(helpers) => self
+                    .busy
+                    .store(self.at_work(&running, helpers), Ordering::Relaxed),
+                Err(error) => {
+                    tracing::warn!(error.message = %error, "workers were not looked at");
+                }
+            }
             self.publish();
         }
     }
@@ -90,14 +97,14 @@ impl Supervisor {
         }
     }
 
-    /// How many of the jobs a living worker holds.
-    fn held(&self, running: &[Job]) -> u32 {
+    /// How many of the living workers hold a job or fit blocks of one.
+    fn at_work(&self, running: &[Job], helpers: Vec<String>) -> u32 {
+        let holders = running.iter().filter_map(|job| job.worker.clone());
+        let at_work: BTreeSet<String> = holders.chain(helpers).collect();
         let living = self.living();
-        let held = |job: &&Job| {
-            job.worker
-                .as_ref()
-                .is_some_and(|name| living.contains_key(name))
-        };
-        running.iter().filter(held).count() as u32
+        at_work
+            .iter()
+            .filter(|name| living.contains_key(*name))
+            .count() as u32
     }
 }

@@ -1,0 +1,89 @@
+#!/usr/bin/env python3
+"""A large cloud on one worker and on several: `make bench-blocks POINTS=5000000 WORKERS=2`.
+
+Workers are machines of their own, with THREADS threads each, beside one service. The cloud is a ball with bumps that
+one network cannot follow. Prints a table of seconds, by stage; the meshes must be the same, byte for byte.
+"""
+
+import hashlib
+import json
+import math
+import os
+import random
+import struct
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from bench_service import Process, Service
+
+STAGES = ["sampling", "training", "surface", "report", "total"]
+HELPED = "blocks of another worker's job were fitted"
+
+
+def cloud(count):
+    """A PLY file of points at random places, without normals."""
+    random.seed(1)
+    head = (f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n"
+            "property float x\nproperty float y\nproperty float z\nend_header\n")
+    points = bytearray(head.encode())
+    for _ in range(count):
+        x, y, z = random.gauss(0, 1), random.gauss(0, 1), random.gauss(0, 1)
+        length = math.sqrt(x * x + y * y + z * z)
+        x, y, z = x / length, y / length, z / length
+        radius = 1 + 0.01 * math.sin(40 * x) * math.sin(40 * y) * math.cos(40 * z)
+        points += struct.pack("<3f", radius * x, radius * y, radius * z)
+    return bytes(points)
+
+
+def run(folder, data, count, threads):
+    """Seconds by stage with so many workers, shares that were fitted by helpers, and the hash of the mesh."""
+    objects = os.environ["MESHWAY_TEST_OBJECTS"].replace("s3://tests", f"s3://tests/{count}-workers", 1)
+    objects = f"--objects={objects}"
+    service = Service(folder / "service", objects, "--workers=0")
+    flags = [objects, "--slots=1", f"--threads-per-worker={threads}"]
+    workers = [Process(folder / f"worker-{k}", "worker", *flags) for k in range(count)]
+    time.sleep(3)
+    _, job = service.ask("POST", "/v1/jobs", data)
+    path = f"/v1/jobs/{json.loads(job)['id']}"
+    while json.loads(service.ask("GET", path)[1]).get("finished_at") is None:
+        time.sleep(0.5)
+    job = json.loads(service.ask("GET", path)[1])
+    if job["status"] != "succeeded":
+        sys.exit(json.dumps(job, indent=1))
+    report = json.loads(service.ask("GET", f"{path}/report")[1])
+    mesh = hashlib.sha256(service.ask("GET", f"{path}/mesh")[1]).hexdigest()
+    for process in [*workers, service]:
+        process.end()
+    helped = sum(worker.log.read_text().count(HELPED) for worker in workers)
+    blocks = (report.get("blocks") or {}).get("count", 0)
+    return report["seconds"], blocks, helped, mesh
+
+
+def main():
+    points = int(os.environ.get("POINTS", "1000000"))
+    many, threads = int(os.environ.get("WORKERS", "2")), os.environ.get("THREADS", "1")
+    data = cloud(points)
+    print(f"{points:,} points, {threads} thread(s) a worker\n")
+    print("| workers | " + " | ".join(STAGES) + " | blocks | shares of helpers |\n" + "|---" * (len(STAGES) + 3) + "|")
+    totals, meshes = [], set()
+    server = os.environ["MESHWAY_TEST_DATABASE"]
+    for count in (1, many):
+        # A database each: an object store belongs to one.
+        name = f"blocks_{count}"
+        os.system(f"psql -q '{server}' -c 'CREATE DATABASE {name}'")
+        os.environ["MESHWAY_TEST_DATABASE"] = server.rsplit("/", 1)[0] + f"/{name}"
+        with tempfile.TemporaryDirectory() as folder:
+            seconds, blocks, helped, mesh = run(Path(folder), data, count, threads)
+        cells = " | ".join(f"{seconds[stage]:.1f}" for stage in STAGES)
+        print(f"| {count} | {cells} | {blocks} | {helped} |", flush=True)
+        totals.append(seconds["total"])
+        meshes.add(mesh)
+    print(f"\n{many} workers take {totals[1] / totals[0]:.2f} of the time of one")
+    if len(meshes) != 1:
+        sys.exit("the meshes are not the same")
+    print("the meshes are the same")
+
+
+main()
