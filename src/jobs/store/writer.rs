@@ -240,8 +240,8 @@ impl<S: Session> Writing<S> {
             self.session.roll_back().await;
             return Ok(false);
         }
+        self.session.run("SAVEPOINT request").await?;
         for request in group {
-            self.session.run("SAVEPOINT request").await?;
             let transaction = Transaction {
                 now: self.options.now(),
                 db: self.session.db(),
@@ -253,7 +253,9 @@ impl<S: Session> Writing<S> {
                 // a later statement could commit by itself.
                 self.session.run("ROLLBACK TO request").await?;
             }
-            self.session.run("RELEASE request").await?;
+            self.session
+                .run("RELEASE request; SAVEPOINT request")
+                .await?;
         }
         self.session.commit().await?;
         Ok(true)

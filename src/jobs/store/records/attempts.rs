@@ -97,33 +97,43 @@ impl Store {
 
 impl Transaction<'_> {
     async fn record(&mut self, id: &JobId, attempt: i64, record: &Record) -> Result<()> {
-        // COALESCE keeps what is there: a number that is not one is bound as NULL, too.
         let found = query(
-            "UPDATE jobs SET phase = COALESCE(?3, phase), progress = COALESCE(?4, progress),
-                 eta_seconds = COALESCE(?5, eta_seconds), evaluations = COALESCE(?6, evaluations),
-                 loss = COALESCE(?7, loss)
-             WHERE id = ?1 AND attempt = ?2 AND status = 'running'
-             RETURNING events, metrics",
+            "SELECT events, metrics, tenant FROM jobs
+             WHERE id = ?1 AND attempt = ?2 AND status = 'running'",
         )
         .bind(id.as_str())
         .bind(attempt)
+        .fetch_optional(&mut self.db)
+        .await?;
+        let found = found.ok_or(Error::Stale)?;
+        let (mut events, metrics) = (found.at::<i64>(0)?, found.at::<i64>(1)?);
+        let tenant: &str = found.at(2)?;
+        for event in &record.events {
+            if event.kind().repeats() && events >= self.options.events_limit {
+                continue;
+            }
+            events += 1;
+            self.insert_event((id, tenant), (events, attempt), event)
+                .await?;
+        }
+        let metrics = self.insert_metrics(id, metrics, &record.metrics).await?;
+        // COALESCE keeps what is there: a number that is not one is bound as NULL, too.
+        query(
+            "UPDATE jobs SET phase = COALESCE(?2, phase), progress = COALESCE(?3, progress),
+                 eta_seconds = COALESCE(?4, eta_seconds), evaluations = COALESCE(?5, evaluations),
+                 loss = COALESCE(?6, loss), events = ?7, metrics = ?8
+             WHERE id = ?1",
+        )
+        .bind(id.as_str())
         .bind(record.phase.map(phase_name))
         .bind(record.progress)
         .bind(record.eta_seconds)
         .bind(record.evaluations.map(integer))
         .bind(record.loss)
-        .fetch_optional(&mut self.db)
+        .bind(events)
+        .bind(metrics)
+        .execute(&mut self.db)
         .await?;
-        let found = found.ok_or(Error::Stale)?;
-        let (mut events, metrics) = (found.at::<i64>(0)?, found.at::<i64>(1)?);
-        for event in &record.events {
-            if event.kind().repeats() && events >= self.options.events_limit {
-                continue;
-            }
-            self.append_event(id, event).await?;
-            events += 1;
-        }
-        self.insert_metrics(id, metrics, &record.metrics).await?;
         self.insert_gradients(id, &record.gradients).await
     }
 

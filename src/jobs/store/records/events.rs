@@ -122,8 +122,18 @@ impl Transaction<'_> {
         .bind(id.as_str())
         .fetch_one(&mut self.db)
         .await?;
-        let (number, attempt): (i64, i64) = (row.at(0)?, row.at(1)?);
-        let tenant: &str = row.at(2)?;
+        let (number, attempt) = (row.at(0)?, row.at(1)?);
+        self.insert_event((id, row.at(2)?), (number, attempt), event)
+            .await
+    }
+
+    /// Writes an event whose number is counted already, of a job of this tenant in this attempt.
+    pub(in crate::jobs::store) async fn insert_event(
+        &mut self,
+        (id, tenant): (&JobId, &str),
+        (number, attempt): (i64, i64),
+        event: &NewEvent,
+    ) -> Result<()> {
         query(
             "INSERT INTO events (job_id, id, event, time, attempt, data, tenant)
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",

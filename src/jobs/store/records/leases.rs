@@ -39,7 +39,7 @@ impl Store {
                     "UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = ?1,
                          lease_until = ?2 + ?3, started_at = COALESCE(started_at, ?2),
                          phase = NULL, progress = 0, eta_seconds = NULL, loss = NULL,
-                         counted_at = ?2
+                         counted_at = ?2, events = events + 1
                      WHERE id = ?4 RETURNING *",
                 )
                 .bind(&worker)
@@ -48,16 +48,18 @@ impl Store {
                 .bind(id.as_str())
                 .fetch_one(&mut tx.db)
                 .await?;
-                let job = job_of(&row)?;
+                let mut job = job_of(&row)?;
                 let event = if job.attempt == 1 {
                     NewEvent::Started { worker }
                 } else {
                     tx.forget_after_checkpoint(&job.id).await?;
                     let reason = tx.requeue_reason(&job.id).await?;
+                    job = tx.load_job(&job.id).await?;
                     NewEvent::AttemptStarted { worker, reason }
                 };
-                tx.append_event(&job.id, &event).await?;
-                let job = tx.load_job(&job.id).await?;
+                let number = Columns::new("jobs", &row).get("events")?;
+                let of = (&job.id, job.tenant.as_str());
+                tx.insert_event(of, (number, job.attempt), &event).await?;
                 let worked_ms = Columns::new("jobs", &row).count("worked_ms")?;
                 Ok(Some(Claim {
                     attempt: job.attempt,

@@ -54,13 +54,13 @@ impl Records<'_> {
 }
 
 impl Transaction<'_> {
-    /// Adds rows to the `present` ones of a job, up to the limit; one that is there stays.
+    /// Adds rows to the `present` ones of a job, up to the limit; one that is there stays. How many there are then.
     pub(in crate::jobs::store) async fn insert_metrics(
         &mut self,
         id: &JobId,
         present: i64,
         rows: &[Metrics],
-    ) -> Result<()> {
+    ) -> Result<i64> {
         let mut count = present;
         for metrics in rows {
             if count >= self.options.metrics_limit {
@@ -90,14 +90,7 @@ impl Transaction<'_> {
             .await?;
             count += inserted.rows_affected() as i64;
         }
-        if count > present {
-            query("UPDATE jobs SET metrics = ?2 WHERE id = ?1")
-                .bind(id.as_str())
-                .bind(count)
-                .execute(&mut self.db)
-                .await?;
-        }
-        Ok(())
+        Ok(count)
     }
 
     /// Adds histograms; one that is there stays.
