@@ -223,11 +223,13 @@ impl Transaction<'_> {
         }
         self.check_job(caller).await?;
         let id = JobId::new();
-        query(
+        // The first event is counted with it.
+        let row = query(
             "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, derived_from,
                  created_at, source, tenant, priority, cost_ms, account, keep_ms, once,
-                 batch_id)
-             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15)",
+                 batch_id, events)
+             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, 1)
+             RETURNING *",
         )
         .bind(id.as_str())
         .bind(new.cloud_id.as_str())
@@ -244,8 +246,9 @@ impl Transaction<'_> {
         .bind(new.keep.ms)
         .bind(new.keep.once)
         .bind(batch.map(BatchId::as_str))
-        .execute(&mut self.db)
+        .fetch_one(&mut self.db)
         .await?;
+        let job = job_of(&row)?;
         for (key, value) in &new.labels {
             let insert =
                 "INSERT INTO job_labels (tenant, key, value, job_id) VALUES (?1, ?2, ?3, ?4)";
@@ -261,8 +264,9 @@ impl Transaction<'_> {
             position: self.queue_position(&id).await?,
             reason: None,
         };
-        self.append_event(&id, &queued).await?;
-        self.load_job(&id).await
+        let of = (&id, caller.tenant.as_str());
+        self.insert_event(of, (1, job.attempt), &queued).await?;
+        Ok(job)
     }
 
     /// A job that is known to be here.
