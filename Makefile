@@ -1,5 +1,5 @@
 # What a user runs. Each target does its own set-up.
-.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-medical bench-service bench-store bench-cluster bench-many bench-blocks soak soak-audit storm fuzz-medical deny clean
+.PHONY: help setup web build install dist test test-web demo contract check bench bench-engines bench-quality bench-medical bench-service bench-store bench-cluster bench-many bench-blocks upgrade soak soak-audit storm fuzz-medical deny clean
 .DEFAULT_GOAL := help
 
 help:
@@ -20,6 +20,7 @@ help:
 	@echo "make bench-store  what the store writes in a second, on SQLite and on Postgres (one minute)"
 	@echo "make bench-cluster  many processes over one Postgres, and a thousand workers; MINUTES=10"
 	@echo "make bench-blocks  a large cloud on one worker and on several; POINTS=5000000 WORKERS=2"
+	@echo "make upgrade OLD=PROGRAM  an upgrade from an earlier program while jobs run"
 	@echo "make bench-many  lists and gets with very many ended jobs; JOBS=10000000 (a gigabyte for each 500,000)"
 	@echo "make storm   nodes, workers, database and object store, killed again and again; KILLS=500"
 	@echo "make soak    jobs under random faults; MINUTES=10"
@@ -118,6 +119,9 @@ bench-many: build
 
 bench-blocks: build
 	POINTS=$(or $(POINTS),1000000) WORKERS=$(or $(WORKERS),2) ./scripts/postgres.sh ./scripts/s3.sh ./scripts/blocks.py
+
+upgrade: build
+	OLD=$(OLD) ./scripts/postgres.sh ./scripts/s3.sh ./scripts/upgrade.py
 
 storm: setup web
 	CI=1 MESHWAY_STORM_KILLS=$(KILLS) ./scripts/postgres.sh ./scripts/s3.sh \

@@ -2,6 +2,7 @@
 
 import http.client
 import os
+import random
 import re
 import subprocess
 import sys
@@ -15,11 +16,11 @@ PROGRAM = os.environ.get("MESHWAY", ROOT / "target/release/meshway")
 class Process:
     """One in a folder of its own."""
 
-    def __init__(self, folder, command, *flags):
+    def __init__(self, folder, command, *flags, program=PROGRAM):
         folder.mkdir(parents=True, exist_ok=True)
         self.log = folder / "log"
         database = os.environ["MESHWAY_TEST_DATABASE"]
-        line = [PROGRAM, command, f"--data-dir={folder}/data", f"--database={database}", *flags]
+        line = [program, command, f"--data-dir={folder}/data", f"--database={database}", *flags]
         self.process = subprocess.Popen(line, stderr=self.log.open("w"), stdout=subprocess.DEVNULL)
 
     def end(self):
@@ -30,9 +31,9 @@ class Process:
 class Service(Process):
     """A service that answers."""
 
-    def __init__(self, folder, *flags):
+    def __init__(self, folder, *flags, program=PROGRAM):
         super().__init__(folder, "serve", "--listen=127.0.0.1:0", "--disk-reserve-mib=0", "--disk-reserve-percent=0",
-                         *flags)
+                         *flags, program=program)
         for _ in range(200):
             found = re.search(r"http://(127[.]0[.]0[.]1:\d+)", self.log.read_text())
             if found:
@@ -45,10 +46,21 @@ class Service(Process):
         """Milliseconds, and the body of the answer."""
         client = http.client.HTTPConnection(self.address, timeout=120)
         begun = time.perf_counter()
-        client.request(method, path, body, {"Accept": "application/json"})
+        client.request(method, path, body, {"Accept": "*/*"})
         answer = client.getresponse()
         data = answer.read()
         took = 1e3 * (time.perf_counter() - begun)
         if answer.status >= 300:
             sys.exit(f"{path}: {answer.status} {data[:500]}")
         return took, data
+
+
+def sphere():
+    """A small cloud, as text."""
+    random.seed(1)
+    lines = []
+    for _ in range(300):
+        point = [random.gauss(0, 1) for _ in range(3)]
+        length = sum(x * x for x in point) ** 0.5
+        lines.append(" ".join(f"{x / length:.6f}" for x in point))
+    return "\n".join(lines).encode()

@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from bench_service import Service
+from bench_service import Service, sphere
 
 ASKED = 200
 
@@ -58,16 +58,6 @@ def psql(text):
     if done.returncode:
         sys.exit(done.stderr)
     return done.stdout
-
-
-def sphere():
-    random.seed(1)
-    lines = []
-    for _ in range(300):
-        point = [random.gauss(0, 1) for _ in range(3)]
-        length = sum(x * x for x in point) ** 0.5
-        lines.append(" ".join(f"{x / length:.6f}" for x in point))
-    return "\n".join(lines).encode()
 
 
 def main():

@@ -67,10 +67,22 @@ impl Cluster {
     }
 
     async fn start(&self, name: &str, log: &str, line: &[&str]) -> Node {
+        self.start_among(name, log, line, &[]).await
+    }
+
+    /// Starts a node of this name by its command line, with these variables of its environment.
+    pub(crate) async fn start_among(
+        &self,
+        name: &str,
+        log: &str,
+        line: &[&str],
+        environment: &[(&str, &str)],
+    ) -> Node {
         let (database, objects) = (format!("--database={}", self.database), self.bucket.flag());
         let line = [line, &[&database, &objects]].concat();
         let log = self.dir.path().join(format!("{log}.log"));
-        let server = Server::spawn(&self.dir.path().join(name), log, &line).await;
+        let folder = self.dir.path().join(name);
+        let server = Server::spawn_among(&folder, log, &line, environment).await;
         Node {
             name: name.to_owned(),
             server,

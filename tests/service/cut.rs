@@ -8,13 +8,13 @@ use crate::cluster::{Cluster, Node};
 use crate::proxy::{Proxy, Way};
 use crate::server::{PATIENCE, until};
 
-/// Longer than a lease.
-const LONG: Duration = Duration::from_secs(36);
+/// Longer than a lease; `MESHWAY_TEST_CUT_SECONDS=300` has the ways to the database cut for longer.
+const LONG_SECONDS: u64 = 36;
 
 /// Work that goes on while the way is cut.
 const WORK: &str = "--script=sleep:45";
 
-async fn running(node: &Node, job: &str) {
+pub(crate) async fn running(node: &Node, job: &str) {
     until("the job runs", PATIENCE, async || {
         let job = node.get(job).await;
         (job["progress"].as_f64()? > 0.02).then_some(())
@@ -22,7 +22,7 @@ async fn running(node: &Node, job: &str) {
     .await;
 }
 
-async fn ended(node: &Node, job: &str) -> Value {
+pub(crate) async fn ended(node: &Node, job: &str) -> Value {
     until("the job ends", PATIENCE, async || {
         let answer = node.ask(&format!("GET {job}"), "", &[]).await;
         (answer.status == 200 && answer.json()["finished_at"].is_string()).then(|| answer.json())
@@ -31,7 +31,7 @@ async fn ended(node: &Node, job: &str) -> Value {
 }
 
 /// The job succeeded at its first attempt, and no failure was counted.
-fn undisturbed(end: &Value, worker: &Node) {
+pub(crate) fn undisturbed(end: &Value, worker: &Node) {
     assert_eq!(
         (&end["status"], &end["attempt"], &end["failures"]),
         (&json!("succeeded"), &json!(1), &json!(0)),
@@ -47,6 +47,16 @@ async fn events(node: &Node, job: &str) {
     assert_eq!(ids, (1..=ids.len() as i64).collect::<Vec<_>>());
 }
 
+/// How long the way is cut, in seconds.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a test is told by the environment"
+)]
+fn long() -> u64 {
+    let told = std::env::var("MESHWAY_TEST_CUT_SECONDS");
+    told.map_or(LONG_SECONDS, |text| text.parse().unwrap())
+}
+
 /// Nobody reaches the database for longer than a lease: no work is lost and no failure counted.
 async fn nobody_reaches_the_database(way: Way) {
     let Some(cluster) = Cluster::new().await else {
@@ -55,11 +65,12 @@ async fn nobody_reaches_the_database(way: Way) {
     let proxy = Proxy::to(&cluster.database).await;
     let cut = cluster.by(Some(&proxy), None);
     let node = cut.serve("node", &["--workers=0"]).await;
-    let worker = cut.worker("worker", &[WORK, "--slots=1"]).await;
+    let work = format!("--script=sleep:{}", long() + 9);
+    let worker = cut.worker("worker", &[&work, "--slots=1"]).await;
     let job = node.submit(&node.upload().await).await;
     running(&node, &job).await;
     proxy.set(way);
-    tokio::time::sleep(LONG).await;
+    tokio::time::sleep(Duration::from_secs(long())).await;
     proxy.set(Way::Open);
     let end = ended(&node, &job).await;
     undisturbed(&end, &worker);

@@ -3,6 +3,7 @@
 
 mod checked;
 mod clock;
+mod clocks;
 mod cluster;
 mod cut;
 mod data_folder;

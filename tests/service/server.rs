@@ -200,9 +200,20 @@ impl Server {
 
     /// Starts a process that listens, by its whole command line but folder and address.
     pub(crate) async fn spawn(folder: &Path, log: PathBuf, line: &[&str]) -> Self {
+        Self::spawn_among(folder, log, line, &[]).await
+    }
+
+    /// The same with these variables of its environment.
+    pub(crate) async fn spawn_among(
+        folder: &Path,
+        log: PathBuf,
+        line: &[&str],
+        environment: &[(&str, &str)],
+    ) -> Self {
         let scripted = line.iter().any(|flag| flag.starts_with("--script="));
         let child = Command::new(if scripted { SCRIPTED } else { PROGRAM })
             .args(line)
+            .envs(environment.iter().copied())
             .args(["--listen=127.0.0.1:0", "--data-dir"])
             .arg(folder)
             .stdin(Stdio::null())

@@ -29,7 +29,8 @@ pub(super) struct Desk {
     /// Whether the computation has come to its blocks.
     asked: AtomicBool,
     wanted: AtomicUsize,
-    fitted: Mutex<VecDeque<(usize, Vec<u8>)>>,
+    /// What came back, and was not taken yet.
+    back: Mutex<VecDeque<(usize, Vec<u8>)>>,
 }
 
 impl Desk {
@@ -41,13 +42,13 @@ impl Desk {
             orders,
             asked: AtomicBool::new(false),
             wanted: AtomicUsize::new(0),
-            fitted: Mutex::default(),
+            back: Mutex::default(),
         };
         (Arc::new(desk), receiver)
     }
 
-    fn fitted(&self) -> MutexGuard<'_, VecDeque<(usize, Vec<u8>)>> {
-        self.fitted.lock().unwrap_or_else(PoisonError::into_inner)
+    fn back(&self) -> MutexGuard<'_, VecDeque<(usize, Vec<u8>)>> {
+        self.back.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -67,7 +68,7 @@ impl Helpers for Desk {
     }
 
     fn fitted(&self) -> Option<(usize, Vec<u8>)> {
-        self.fitted().pop_front()
+        self.back().pop_front()
     }
 }
 
@@ -118,7 +119,7 @@ impl Clerk {
         for offered in self.store.offered_shares(&self.claim).await? {
             if offered.is_fitted() {
                 if let Some(networks) = self.store.networks(&offered).await? {
-                    self.desk.fitted().push_back((offered.number, networks));
+                    self.desk.back().push_back((offered.number, networks));
                 }
                 self.store.close_share(&self.claim, offered.number).await?;
             } else if !offered.is_begun {

@@ -95,7 +95,7 @@ impl<T: Scalar> Board<T> {
             .iter_mut()
             .enumerate()
             .rev()
-            .filter(|(_, share)| is_free(&share));
+            .filter(|(_, share)| is_free(share));
         let (at, share) = free.next()?;
         free.next()?;
         let blocks: Vec<usize> = share.open.iter().copied().collect();

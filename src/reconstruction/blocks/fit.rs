@@ -146,9 +146,9 @@ pub(super) fn fit<T: Scalar>(
             stop: &stop,
         };
         let exchange = || {
-            helpers
-                .iter()
-                .for_each(|helpers| task.exchange(&board, *helpers))
+            if let Some(helpers) = helpers {
+                task.exchange(&board, helpers);
+            }
         };
         exchange();
         while work(&watch) {

@@ -91,7 +91,7 @@ async fn no_share_outlives_the_attempt(place: Place) {
             1 => bench.store.release(&claim).await.unwrap(),
             2 => {
                 bench.pass(LEASE_MS + 1);
-                assert_eq!(bench.reap().await, [id.clone()]);
+                assert_eq!(bench.reap().await.as_slice(), std::slice::from_ref(&id));
             }
             3 => {
                 // A share of the same number in the next attempt is another one.
