@@ -34,7 +34,7 @@ pub(super) struct Desk {
 }
 
 impl Desk {
-    /// A desk, and what is to be done there by [`serve`].
+    /// A desk, and what is to be done there by [`Clerk::serve`].
     pub(super) fn new() -> (Arc<Self>, mpsc::UnboundedReceiver<Order>) {
         // As many as are wanted, which is told only once those before are there.
         let (orders, receiver) = mpsc::unbounded_channel();
