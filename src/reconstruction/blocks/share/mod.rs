@@ -46,8 +46,13 @@ pub enum ShareError {
 /// What networks of the same bits ask of who fits them: the same version of this program and vectors of the same
 /// width.
 pub fn processor() -> String {
-    let (version, width) = (env!("CARGO_PKG_VERSION"), vector_width());
-    format!("{version} {} {width}", std::env::consts::ARCH)
+    // libtorch is there for these two.
+    let kind = if cfg!(target_arch = "aarch64") {
+        "aarch64"
+    } else {
+        "x86_64"
+    };
+    format!("{} {kind} {}", env!("CARGO_PKG_VERSION"), vector_width())
 }
 
 /// Fits the blocks of a share that a run [offered](crate::reconstruction::Helpers::offer), on all threads of the
