@@ -43,10 +43,11 @@ class Service(Process):
         sys.exit(self.log.read_text())
 
     def ask(self, method, path, body=None):
-        """Milliseconds, and the body of the answer."""
+        """Milliseconds, and the body of the answer. A text that is sent is JSON."""
         client = http.client.HTTPConnection(self.address, timeout=120)
         begun = time.perf_counter()
-        client.request(method, path, body, {"Accept": "*/*"})
+        headers = {"Accept": "*/*"} | ({"Content-Type": "application/json"} if isinstance(body, str) else {})
+        client.request(method, path, body, headers)
         answer = client.getresponse()
         data = answer.read()
         took = 1e3 * (time.perf_counter() - begun)
