@@ -16,6 +16,7 @@ use serde_json::{Value, json};
 use tokio_util::sync::CancellationToken;
 
 use crate::cluster::{Cluster, Node};
+use crate::http::support::sphere_xyz;
 use crate::postgres::Postgres;
 use crate::s3::S3;
 use crate::server::{PATIENCE, until};
@@ -51,40 +52,53 @@ impl Addresses {
 /// What was answered with 202, with the number of the request.
 type Taken = Arc<Mutex<BTreeMap<usize, String>>>;
 
-/// Submits real jobs, each under a key of its own, at one node and then at the other until one takes it.
-async fn submit(addresses: Addresses, taken: Taken, cloud: String, end: CancellationToken) {
+/// Asks one node and then the other until one does it.
+async fn insist(
+    addresses: &Addresses,
+    k: usize,
+    (line, headers): (&str, &str),
+    body: &[u8],
+) -> Value {
+    for asked in k.. {
+        let sent = async {
+            let mut client = Connection::open(addresses.of(asked)).await?;
+            client.ask(line, headers, &[body]).await
+        };
+        match tokio::time::timeout(Duration::from_secs(20), sent).await {
+            Ok(Ok(answer)) if (200..300).contains(&answer.status) => return answer.json(),
+            // 409: the first request with the key is under way, or died with its node a moment ago.
+            Ok(Ok(answer)) => {
+                assert!(
+                    [409, 429, 503, 507].contains(&answer.status),
+                    "{line}: {}",
+                    answer.json()
+                );
+            }
+            Ok(Err(_)) | Err(_) => {}
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    unreachable!("there is always another try")
+}
+
+/// Submits real jobs, each with a cloud of its own and under a key of its own.
+async fn submit(addresses: Addresses, taken: Taken, end: CancellationToken) {
     let mut k = 0;
     while !end.is_cancelled() {
+        let points = sphere_xyz(300, 1e-3 * k as f64).into_bytes();
+        let cloud = insist(&addresses, k, ("POST /v1/clouds", ""), &points).await;
         let body = json!({
-            "cloud_id": cloud,
+            "cloud_id": cloud["id"],
             "preset": "fast",
-            "settings": {"training": {"max_evaluations": 60, "seed": k}, "surface": {"resolution": 32}},
+            "settings": {"training": {"max_evaluations": 60}, "surface": {"resolution": 32}},
         });
-        let key = format!("Idempotency-Key: storm-{k}\r\n");
-        let mut asked = k;
-        let id = loop {
-            asked += 1;
-            let sent = async {
-                let mut client = Connection::open(addresses.of(asked)).await?;
-                client.post("/v1/jobs", &key, &body).await
-            };
-            match tokio::time::timeout(Duration::from_secs(20), sent).await {
-                Ok(Ok(answer)) if answer.status == 202 => {
-                    break answer.json()["id"].as_str().unwrap().to_owned();
-                }
-                // 409: the first request with the key is under way, or died with its node a moment ago.
-                Ok(Ok(answer)) => {
-                    assert!(
-                        [409, 429, 503, 507].contains(&answer.status),
-                        "{}",
-                        answer.json()
-                    );
-                }
-                Ok(Err(_)) | Err(_) => {}
-            }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        };
-        taken.lock().unwrap().insert(k, id);
+        let headers = format!("Content-Type: application/json\r\nIdempotency-Key: storm-{k}\r\n");
+        let asked = ("POST /v1/jobs", headers.as_str());
+        let job = insist(&addresses, k + 1, asked, body.to_string().as_bytes()).await;
+        taken
+            .lock()
+            .unwrap()
+            .insert(k, job["id"].as_str().unwrap().to_owned());
         k += 1;
         while !end.is_cancelled()
             && open_jobs(addresses.of(k))
@@ -248,18 +262,12 @@ async fn everything_dies_and_nothing_is_lost() {
         }
     };
     tell(&parties);
-    let cloud = parties[0].node.as_ref().unwrap().upload().await;
     let (taken, end, ended) = (
         Taken::default(),
         CancellationToken::new(),
         CancellationToken::new(),
     );
-    let submitting = tokio::spawn(submit(
-        addresses.clone(),
-        Arc::clone(&taken),
-        cloud,
-        end.clone(),
-    ));
+    let submitting = tokio::spawn(submit(addresses.clone(), Arc::clone(&taken), end.clone()));
     let following = tokio::spawn(follow(addresses.clone(), ended.clone()));
 
     let mut random = ChaCha8Rng::seed_from_u64(7);

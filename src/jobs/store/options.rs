@@ -74,7 +74,7 @@ impl Default for Options {
 }
 
 /// How long claims on jobs last, and how long a worker waits for the database: a server may be away
-/// for some seconds to start again, or for another one to take its place.
+/// for some seconds to start again, or for an hour to be mended.
 #[derive(Debug, Clone, Copy)]
 pub struct Terms {
     /// How long a job is held without a renewal, in milliseconds.
@@ -93,9 +93,9 @@ pub(in crate::jobs::store) const LOCAL: Terms = Terms {
     tries: 20,
 };
 
-/// With a server.
+/// With a server: an hour.
 pub(in crate::jobs::store) const REMOTE: Terms = Terms {
     lease_ms: 30_000,
     renewal: Duration::from_secs(5),
-    tries: 240,
+    tries: 7_200,
 };

@@ -47,7 +47,9 @@ impl Insist {
         loop {
             match write().await {
                 Err(error @ (Error::Busy | Error::Full(_))) if tries < self.store.terms().tries => {
-                    tracing::warn!(tries, error.message = %error, "the database is asked again");
+                    if tries.is_power_of_two() {
+                        tracing::warn!(tries, error.message = %error, "the database is asked again");
+                    }
                     tries += 1;
                     sleep(PAUSE).await;
                 }
