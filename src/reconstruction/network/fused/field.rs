@@ -21,24 +21,24 @@ pub(super) struct FusedField<'a> {
     arch: Arch,
     network: Network<'a>,
     block_points: usize,
-    workspaces: Pool<Workspace>,
+    workspaces: &'a Pool<Workspace>,
 }
 
-/// Memory for one block.
+/// Memory for one block of points, of any network of an engine. Tens of thousands of networks share a few of them.
 #[derive(Debug)]
-struct Workspace {
+pub(super) struct Workspace {
     scratch: Scratch,
     points: Aligned,
     gradients: Aligned,
 }
 
 impl<'a> FusedField<'a> {
-    pub(super) fn new(arch: Arch, network: Network<'a>) -> Self {
+    pub(super) fn new(arch: Arch, network: Network<'a>, workspaces: &'a Pool<Workspace>) -> Self {
         Self {
             arch,
             network,
             block_points: block_points(arch),
-            workspaces: Pool::new(),
+            workspaces,
         }
     }
 
@@ -143,5 +143,28 @@ impl Blockwise for Evaluate<'_> {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::reconstruction::network::{Architecture, Engine, Fused, initial_parameters};
+    use crate::reconstruction::sampling::Samples;
+    use crate::reconstruction::settings::Preset;
+
+    #[test]
+    fn fields_of_an_engine_share_their_memory() {
+        let architecture = Architecture::of_block(&Preset::Fast.settings().network);
+        let samples: Samples = [([0.0; 3], 0.0)].into_iter().collect();
+        let engine = Fused::new(architecture.clone(), &samples).unwrap();
+        for seed in 0..40 {
+            let parameters = initial_parameters(&architecture, seed);
+            let field = engine.field(&parameters).unwrap();
+            let mut values = [f64::NAN; 2];
+            field.values(&[[0.1; 3], [0.2; 3]], &mut values).unwrap();
+            assert!(values.iter().all(|value| value.is_finite()));
+        }
+        let threads = rayon::current_num_threads();
+        assert!((1..=threads).contains(&engine.workspaces.idle()));
     }
 }

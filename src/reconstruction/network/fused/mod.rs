@@ -39,7 +39,7 @@ use crate::reconstruction::surface::Field;
 use batch::Batch;
 pub(in crate::reconstruction) use batch::TILE_POINTS;
 use dispatch::{Blockwise, dispatch};
-use field::FusedField;
+use field::{FusedField, Workspace};
 use output::OutputSums;
 use panels::affine_maps;
 use pass::{Network, Pass, Rule, Scratch, rules};
@@ -78,6 +78,8 @@ pub struct Fused {
     rules: Vec<Rule>,
     batch: Batch,
     scratch: Pool<Scratch>,
+    /// Those of its fields.
+    workspaces: Pool<Workspace>,
 }
 
 impl Fused {
@@ -107,6 +109,7 @@ impl Fused {
             rules,
             batch: Batch::new(samples, block_points),
             scratch: Pool::new(),
+            workspaces: Pool::new(),
         })
     }
 
@@ -299,6 +302,7 @@ impl Engine<f32> for Fused {
         Ok(Box::new(FusedField::new(
             self.arch,
             self.network(parameters),
+            &self.workspaces,
         )))
     }
 }

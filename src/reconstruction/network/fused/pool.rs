@@ -23,4 +23,10 @@ impl<T> Pool<T> {
             .push(thing);
         result
     }
+
+    /// How many are there that nobody has.
+    #[cfg(test)]
+    pub(super) fn idle(&self) -> usize {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).len()
+    }
 }
