@@ -9,6 +9,9 @@ use super::connect::has_credentials;
 use super::{Bucket, is_bucket_missing};
 use crate::jobs::{Error, Result};
 
+/// Code of the answer to a request that was signed at another time.
+const SKEWED: &str = "RequestTimeTooSkewed";
+
 /// Its name below the prefix.
 const MARKER: &str = "meshway-objects.json";
 
@@ -85,6 +88,10 @@ impl Bucket {
             error if is_bucket_missing(error) => {
                 self.refused("there is no such bucket; make it first")
             }
+            error if error.to_string().contains(SKEWED) => self.refused(&format!(
+                "it refuses requests because the clock of this machine is more than a quarter of \
+                 an hour before or after its own; set the clock: {error}"
+            )),
             StoreError::PermissionDenied { .. } | StoreError::Unauthenticated { .. } => self
                 .refused(&format!(
                     "the credentials of the environment (AWS_ACCESS_KEY_ID, …) are refused; they \
