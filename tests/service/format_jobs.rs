@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use meshway::reconstruction::mesh::read;
 use serde_json::{Value, json};
 
+use crate::helpers::bumpy;
 use crate::http::contract::expect_named;
 use crate::http::support::{gzip, sphere, sphere_xyz};
 use crate::server::{Folder, Server, job_ended};
@@ -43,18 +44,12 @@ async fn clouds_of_every_format_and_packing_become_meshes() {
     }
 }
 
-/// Points of a ball with bumps, one a line, and a job over them that needs blocks.
+/// A job that needs blocks.
 #[tokio::test]
 async fn a_job_of_blocks_tells_their_series() {
     let folder = Folder::new().await;
     let server = folder.serve(&[]).await;
-    let bumps =
-        |[x, y, z]: [f64; 3]| 1.0 + 0.05 * (14.0 * x).sin() * (14.0 * y).sin() * (14.0 * z).cos();
-    let mut text = String::new();
-    for p in sphere(3_000, 0.0) {
-        let [x, y, z] = p.map(|c| c * bumps(p));
-        writeln!(text, "{x} {y} {z}").unwrap();
-    }
+    let text = bumpy();
     let cloud = cloud_of(&server, "", text.as_bytes(), "xyz").await;
     let request = json!({
         "cloud_id": cloud["id"],

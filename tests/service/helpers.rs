@@ -14,8 +14,8 @@ use crate::wire::Connection;
 /// What a worker writes into the log when it has helped another one.
 const HELPED: &str = "blocks of another worker's job were fitted";
 
-/// Points of a ball with bumps.
-fn bumpy() -> String {
+/// Points of a ball with bumps, one a line: one network is not enough for them.
+pub(crate) fn bumpy() -> String {
     let mut text = String::new();
     for p in sphere(3_000, 0.0) {
         let [x, y, z] = p.map(|c| 14.0 * c);

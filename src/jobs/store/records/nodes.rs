@@ -7,7 +7,7 @@ use crate::jobs::store::sql::{query, scalar};
 use crate::jobs::{Error, Result};
 
 /// How long a process counts that is not seen, in milliseconds: several times the pause between two beats.
-pub(in crate::jobs::store) const NODE_LASTS_MS: i64 = 60_000;
+const NODE_LASTS_MS: i64 = 60_000;
 
 /// A process as it enters.
 #[derive(Debug, Clone)]

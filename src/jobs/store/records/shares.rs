@@ -6,7 +6,6 @@
 
 use bytes::Bytes;
 
-use super::nodes::NODE_LASTS_MS;
 use super::row::{Columns, integer};
 use crate::jobs::store::content::objects::Kept;
 use crate::jobs::store::sql::{Row, query, scalar};
@@ -253,11 +252,9 @@ impl Store {
     /// How many workers hold no job, of so many where no other process has any: those that may fit shares. None
     /// while a job waits.
     pub async fn spare_workers(&self, own: u16) -> Result<u64> {
-        let select =
-            "SELECT CAST(COALESCE(SUM(slots), 0) AS BIGINT) FROM nodes WHERE seen_at >= ?1";
-        let slots: i64 = if self.is_shared() {
-            let since = self.now() - NODE_LASTS_MS;
-            scalar(select).bind(since).fetch_one(self.readers()).await?
+        let slots = if self.is_shared() {
+            let (_, slots) = self.nodes().await?;
+            integer(slots)
         } else {
             own.into()
         };
