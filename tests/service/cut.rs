@@ -8,7 +8,7 @@ use crate::cluster::{Cluster, Node};
 use crate::proxy::{Proxy, Way};
 use crate::server::{PATIENCE, until};
 
-/// Longer than a lease; `MESHWAY_TEST_CUT_SECONDS=300` has the ways to the database cut for longer.
+/// Longer than a lease; `MESHWAY_TEST_CUT_SECONDS=3600` has the database, and an object store, away for longer.
 const LONG_SECONDS: u64 = 36;
 
 /// Work that goes on while the way is cut.
@@ -47,14 +47,19 @@ async fn events(node: &Node, job: &str) {
     assert_eq!(ids, (1..=ids.len() as i64).collect::<Vec<_>>());
 }
 
-/// How long the way is cut, in seconds.
+/// How long a part is to be away, in seconds, where the environment tells.
 #[expect(
     clippy::disallowed_methods,
     reason = "a test is told by the environment"
 )]
+pub(crate) fn told_seconds() -> Option<u64> {
+    let told = std::env::var("MESHWAY_TEST_CUT_SECONDS").ok()?;
+    Some(told.parse().unwrap())
+}
+
+/// How long the way is cut, in seconds.
 fn long() -> u64 {
-    let told = std::env::var("MESHWAY_TEST_CUT_SECONDS");
-    told.map_or(LONG_SECONDS, |text| text.parse().unwrap())
+    told_seconds().unwrap_or(LONG_SECONDS)
 }
 
 /// Nobody reaches the database for longer than a lease: no work is lost and no failure counted.

@@ -93,9 +93,9 @@ pub(in crate::jobs::store) const LOCAL: Terms = Terms {
     tries: 20,
 };
 
-/// With a server: an hour.
+/// With a server: two hours, since one is promised.
 pub(in crate::jobs::store) const REMOTE: Terms = Terms {
     lease_ms: 30_000,
     renewal: Duration::from_secs(5),
-    tries: 7_200,
+    tries: 14_400,
 };

@@ -20,8 +20,8 @@ const LEFT_AFTER: Duration = Duration::from_millis(1_500);
 const PAUSE: Duration = Duration::from_millis(500);
 /// Longest pause between two tries while the object store is away.
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
-/// How long an object store may be away.
-const AWAY: Duration = Duration::from_hours(1);
+/// How long an object store may be away: an hour is promised.
+const AWAY: Duration = Duration::from_hours(2);
 
 /// Tries again for an attempt.
 #[derive(Clone)]
@@ -62,7 +62,7 @@ impl Insist {
     /// back, or the attempt is to stop.
     ///
     /// # Errors
-    /// `ContentUnavailable` then, and after an hour.
+    /// `ContentUnavailable` then, and after two hours.
     pub(super) async fn content<T, F>(&self, work: impl Fn() -> F) -> Result<T>
     where
         F: Future<Output = Result<T>>,
