@@ -205,18 +205,19 @@ impl Transaction<'_> {
         caller: &Caller,
         batch: Option<&BatchId>,
     ) -> Result<Job> {
-        let select = "SELECT EXISTS (SELECT 1 FROM clouds WHERE id = ?1 AND tenant = ?2)";
-        let known: bool = scalar(select)
-            .bind(new.cloud_id.as_str())
-            .bind(caller.tenant.as_str())
-            .fetch_one(&mut self.db)
-            .await?;
+        let row = query(
+            "SELECT EXISTS (SELECT 1 FROM clouds WHERE id = ?1 AND tenant = ?2),
+                 CAST(COALESCE(SUM(jobs), 0) AS BIGINT)
+             FROM waiting",
+        )
+        .bind(new.cloud_id.as_str())
+        .bind(caller.tenant.as_str())
+        .fetch_one(&mut self.db)
+        .await?;
+        let (known, waiting): (bool, i64) = (row.at(0)?, row.at(1)?);
         if !known {
             return Err(Error::CloudMissing(new.cloud_id.clone()));
         }
-        let waiting: i64 = scalar("SELECT CAST(COALESCE(SUM(jobs), 0) AS BIGINT) FROM waiting")
-            .fetch_one(&mut self.db)
-            .await?;
         let limit = self.options.queue_limit;
         if waiting as u64 >= limit {
             return Err(Error::QueueFull { limit });

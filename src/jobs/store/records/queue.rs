@@ -245,7 +245,8 @@ async fn place(db: &mut Db<'_>, id: &JobId) -> Result<Option<(u64, u64, u64)>> {
                 upto.jobs - behind.jobs AS position, upto.cost_ms - behind.cost_ms AS upto_ms,
                 MAX(COALESCE((SELECT served_ms FROM turns WHERE turns.tenant = own.tenant), 0),
                     (SELECT turn FROM now_served))
-                + upto.cost_ms - behind.cost_ms - own.cost_ms AS turn
+                + upto.cost_ms - behind.cost_ms - own.cost_ms AS turn,
+                EXISTS (SELECT 1 FROM waiting WHERE waiting.tenant <> own.tenant) AS others
          FROM own, upto, behind",
     )
     .bind(id.as_str())
@@ -261,9 +262,7 @@ async fn place(db: &mut Db<'_>, id: &JobId) -> Result<Option<(u64, u64, u64)>> {
         own.count("cost_ms")?,
     );
     let tenant = own.get::<&str>("tenant")?;
-    let others = "SELECT EXISTS (SELECT 1 FROM waiting WHERE tenant <> ?1)";
-    let others: bool = scalar(others).bind(tenant).fetch_one(&mut *db).await?;
-    if others {
+    if own.get("others")? {
         let others = query(
             "SELECT COUNT(*) AS position, CAST(COALESCE(SUM(cost_ms), 0) AS BIGINT) AS upto_ms
              FROM queue
