@@ -36,28 +36,83 @@ fn morton(bounds: &Bounds, p: Vec3) -> u64 {
     let cells = f64::from((1_u32 << MORTON_BITS) - 1);
     (0..3).fold(0, |code, axis| {
         let cell = ((p[axis] - bounds.min[axis]) / edge * cells) as u64;
-        (0..MORTON_BITS).fold(code, |code, bit| {
-            code | ((cell >> bit) & 1) << (3 * bit + axis as u32)
-        })
+        code | spread(cell) << axis
     })
 }
 
-/// What `work` gives for the number of each of `places`, put where `put` wants it, on all threads.
-pub(super) fn for_each_nearby<R: Send>(
-    places: &[Vec3],
-    work: impl Fn(usize) -> R + Sync,
-    mut put: impl FnMut(usize, R),
-) {
-    let order: Vec<(u64, u32)> = if places.len() < FEW {
-        (0..places.len() as u32).map(|i| (0, i)).collect()
-    } else {
-        morton_order(places)
-    };
-    for some in order.chunks(AT_A_TIME) {
-        let found: Vec<R> = some.par_iter().map(|&(_, i)| work(i as usize)).collect();
-        for (&(_, i), found) in some.iter().zip(found) {
-            put(i as usize, found);
+/// A number of [`MORTON_BITS`] with two zeros below each of its bits.
+fn spread(bits: u64) -> u64 {
+    let steps = [
+        (32, 0x001f_0000_0000_ffff),
+        (16, 0x001f_0000_ff00_00ff),
+        (8, 0x100f_00f0_0f00_f00f),
+        (4, 0x10c3_0c30_c30c_30c3),
+        (2, 0x1249_2492_4924_9249),
+    ];
+    steps
+        .into_iter()
+        .fold(bits, |bits, (shift, mask)| (bits | bits << shift) & mask)
+}
+
+/// An order of places in which neighbours follow each other, or that in which they were given, where they are few.
+pub(super) struct Walk(Vec<u32>);
+
+impl Walk {
+    pub(super) fn along(places: &[Vec3]) -> Self {
+        Self(if places.len() < FEW {
+            (0..places.len() as u32).collect()
+        } else {
+            morton_order(places).into_iter().map(|(_, i)| i).collect()
+        })
+    }
+
+    /// The numbers of the places in this order.
+    pub(super) fn order(&self) -> impl Iterator<Item = usize> + '_ {
+        self.0.iter().map(|&i| i as usize)
+    }
+
+    /// What `work` gives for the number of each place, put where `put` wants it, on all threads.
+    pub(super) fn for_each<R: Send>(
+        &self,
+        work: impl Fn(usize) -> R + Sync,
+        mut put: impl FnMut(usize, R),
+    ) {
+        for some in self.0.chunks(AT_A_TIME) {
+            let found: Vec<R> = some.par_iter().map(|&i| work(i as usize)).collect();
+            for (&i, found) in some.iter().zip(found) {
+                put(i as usize, found);
+            }
         }
+    }
+
+    /// What `work` gives for the number of each place, in the order of the places, on all threads.
+    pub(super) fn map<R: Send + Clone + Default>(
+        &self,
+        work: impl Fn(usize) -> R + Sync,
+    ) -> Vec<R> {
+        let mut all = vec![R::default(); self.0.len()];
+        self.for_each(work, |i, found| all[i] = found);
+        all
+    }
+
+    /// The same where `work` is at several places at a time; what it gives for more than there are is dropped.
+    pub(super) fn map_together<const TOGETHER: usize, R: Send + Clone + Default>(
+        &self,
+        work: impl Fn([usize; TOGETHER]) -> [R; TOGETHER] + Sync,
+    ) -> Vec<R> {
+        let mut all = vec![R::default(); self.0.len()];
+        for some in self.0.chunks(AT_A_TIME - AT_A_TIME % TOGETHER) {
+            let found: Vec<[R; TOGETHER]> = some
+                .par_chunks(TOGETHER)
+                .map(|of| work(std::array::from_fn(|k| of[k.min(of.len() - 1)] as usize)))
+                .collect();
+            for (of, found) in some.chunks(TOGETHER).zip(found) {
+                for (&i, found) in of.iter().zip(found) {
+                    all[i as usize] = found;
+                }
+            }
+        }
+        all
     }
 }
 
@@ -66,9 +121,7 @@ pub(super) fn map_nearby<R: Send + Clone + Default>(
     places: &[Vec3],
     work: impl Fn(usize) -> R + Sync,
 ) -> Vec<R> {
-    let mut all = vec![R::default(); places.len()];
-    for_each_nearby(places, work, |i, found| all[i] = found);
-    all
+    Walk::along(places).map(work)
 }
 
 #[cfg(test)]
@@ -83,8 +136,19 @@ mod tests {
                 .collect();
             let found = map_nearby(&places, |i| places[i][0] + i as f64);
             let expected = places.iter().enumerate().map(|(i, p)| p[0] + i as f64);
+            assert!(found.into_iter().eq(expected.clone()), "{count}");
+            let work = |at: [usize; 3]| at.map(|i| places[i][0] + i as f64);
+            let found = Walk::along(&places).map_together(work);
             assert!(found.into_iter().eq(expected), "{count}");
         }
+    }
+
+    #[test]
+    fn the_bits_of_three_axes_are_interleaved() {
+        let code = [0b101, 0b010, 0b111].into_iter().enumerate();
+        let code = code.fold(0, |code, (axis, cell)| code | spread(cell) << axis);
+        assert_eq!(code, 0b101_110_101);
+        assert_eq!(spread((1 << MORTON_BITS) - 1), 0x1249_2492_4924_9249);
     }
 
     #[test]

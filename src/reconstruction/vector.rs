@@ -128,6 +128,7 @@ impl Bounds {
     }
 
     /// Whether `p` lies inside or on the box.
+    #[inline]
     pub fn contains(&self, p: Vec3) -> bool {
         (0..3).all(|i| self.min[i] <= p[i] && p[i] <= self.max[i])
     }

@@ -136,6 +136,26 @@ fn the_winding_number_is_one_inside_and_zero_outside() {
 }
 
 #[test]
+fn winding_numbers_of_many_places_are_those_of_each() {
+    let cloud = drawn(Shape::Hand, 40_000, true);
+    let normals = cloud.normals.unwrap();
+    let near = Neighbourhoods::new(&Tree::new(&cloud.points), &cloud.points, 16);
+    let spacings = near.spacings(&cloud.points);
+    let winding = Winding::new(Oriented {
+        points: &cloud.points,
+        normals: &normals,
+        areas: &near.areas(&cloud.points, &normals, &spacings),
+        spacings: &spacings,
+    });
+    let beside = cloud.points.iter().zip(&normals).enumerate();
+    let beside = beside.map(|(i, (p, n))| add(*p, scale(*n, 0.1 * (i % 7) as f64 - 0.3)));
+    let queries: Vec<Vec3> = beside.take(39_999).collect();
+    let each: Vec<f64> = queries.iter().map(|q| winding.at(*q)).collect();
+    assert_eq!(winding.at_all(&queries), each);
+    assert_eq!(winding.at_all(&queries[..3]), each[..3]);
+}
+
+#[test]
 fn generated_samples_are_on_their_side() {
     for shape in [SPHERE, TORUS, Shape::Hand, Shape::Uterus] {
         let prepared = run(&drawn(shape, 1_500, false), &Preset::Balanced.settings());

@@ -5,11 +5,14 @@ use crate::reconstruction::vector::{Bounds, Vec3};
 /// Boxes of a leaf.
 const LEAF: usize = 4;
 
+/// Most nodes that wait on the way through the tree: one a level, and each level halves what may be 2³² boxes.
+const DEEPEST: usize = 34;
+
 /// A tree over boxes.
 #[derive(Debug)]
 pub(super) struct Lookup {
+    /// The boxes, those of a node side by side, and their indices.
     boxes: Vec<Bounds>,
-    /// Indices of the boxes, those of a node side by side.
     order: Vec<u32>,
     nodes: Vec<Node>,
 }
@@ -35,6 +38,8 @@ impl Lookup {
         if !lookup.boxes.is_empty() {
             lookup.build(0, lookup.boxes.len());
         }
+        let placed = lookup.order.iter().map(|&i| lookup.boxes[i as usize]);
+        lookup.boxes = placed.collect();
         lookup
     }
 
@@ -70,20 +75,24 @@ impl Lookup {
 
     /// Calls `found` with the index of each box that holds `q`, in a fixed order.
     pub(super) fn holding(&self, q: Vec3, mut found: impl FnMut(usize)) {
-        let mut open: Vec<usize> = Vec::with_capacity(32);
-        open.extend(self.nodes.first().map(|_| 0));
-        while let Some(index) = open.pop() {
-            let node = &self.nodes[index];
+        let mut open = [0; DEEPEST];
+        let mut waiting = usize::from(!self.nodes.is_empty());
+        while waiting > 0 {
+            waiting -= 1;
+            let node = &self.nodes[open[waiting]];
             if !node.bounds.contains(q) {
                 continue;
             }
             if let Some([low, high]) = node.halves {
-                open.extend([high, low]);
-            } else {
-                for &i in &self.order[node.start..node.end] {
-                    if self.boxes[i as usize].contains(q) {
-                        found(i as usize);
-                    }
+                open[waiting] = high;
+                open[waiting + 1] = low;
+                waiting += 2;
+                continue;
+            }
+            let leaf = node.start..node.end;
+            for (bounds, &i) in self.boxes[leaf.clone()].iter().zip(&self.order[leaf]) {
+                if bounds.contains(q) {
+                    found(i as usize);
                 }
             }
         }

@@ -177,7 +177,7 @@ fn labelled(prepared: &Prepared, scan: &Scan) -> Vec<(Vec3, f64)> {
     labelled
         .map(|i| {
             let place = prepared.training.points[i];
-            let (_, distance) = scan.surface.nearest(place);
+            let distance = scan.surface.distance(&scan.surface.place(place));
             (place, distance.copysign(prepared.training.targets[i]))
         })
         .collect()

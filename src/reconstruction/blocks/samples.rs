@@ -1,14 +1,13 @@
 //! The samples of all blocks, made once; each block takes those in its reach.
 
-use rayon::prelude::*;
-
 use super::block::Block;
 use super::lookup::Lookup;
 use crate::reconstruction::error::Error;
+use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::random::Generator;
 use crate::reconstruction::sampling::Samples;
 use crate::reconstruction::sampling::oriented::OrientedSurface;
-use crate::reconstruction::sampling::samples::{Grading, Sampler};
+use crate::reconstruction::sampling::samples::{Grading, Sampler, far_places};
 use crate::reconstruction::settings::Targets;
 use crate::reconstruction::surface::Field;
 use crate::reconstruction::vector::Vec3;
@@ -60,19 +59,25 @@ impl Places {
         }
         samples.extend(given.iter().copied());
         let lookup = Lookup::new(blocks.iter().map(|block| block.reach).collect());
-        let mut counts = vec![0_usize; blocks.len()];
-        for i in fitted {
-            lookup.holding(surface.points[*i], |k| counts[k] += 1);
-        }
-        for (block, count) in blocks.iter().zip(counts) {
+        let mut of_blocks = vec![Vec::new(); blocks.len()];
+        add_members(&lookup, &samples.points, 0, &mut of_blocks);
+        let before = samples.len();
+        let mut places = Vec::new();
+        for (k, block) in blocks.iter().enumerate() {
+            let count = of_blocks[k].partition_point(|&i| (i as usize) < on_surface);
             let far = (FAR_SHARE * count as f64).ceil() as usize;
-            samples.append(sampler.far(&block.reach, far, random));
+            places.extend(far_places(&block.reach, far, random));
+            if places.len() >= AT_A_TIME || k + 1 == blocks.len() {
+                samples.append(sampler.at(&places));
+                places.clear();
+            }
         }
+        add_members(&lookup, &samples.points[before..], before, &mut of_blocks);
         let Samples {
             points, targets, ..
         } = samples;
         Self {
-            of_blocks: members(&lookup, blocks.len(), &points),
+            of_blocks,
             distances: targets.iter().map(|target| FARTHEST * target).collect(),
             points,
             coarse: Vec::new(),
@@ -159,20 +164,22 @@ impl CoarseLengths<'_> {
 /// The places that each of so many blocks holds.
 pub(super) fn members(lookup: &Lookup, blocks: usize, points: &[Vec3]) -> Vec<Vec<u32>> {
     let mut members = vec![Vec::new(); blocks];
+    add_members(lookup, points, 0, &mut members);
+    members
+}
+
+/// Adds the places that each block holds of `points`, the first of which has number `first`.
+fn add_members(lookup: &Lookup, points: &[Vec3], first: usize, members: &mut [Vec<u32>]) {
     for (chunk, some) in points.chunks(AT_A_TIME).enumerate() {
-        let held: Vec<Vec<u32>> = some
-            .par_iter()
-            .map(|p| {
-                let mut held = Vec::new();
-                lookup.holding(*p, |k| held.push(k as u32));
-                held
-            })
-            .collect();
+        let held: Vec<Vec<u32>> = map_nearby(some, |i| {
+            let mut held = Vec::new();
+            lookup.holding(some[i], |k| held.push(k as u32));
+            held
+        });
         for (i, held) in held.iter().enumerate() {
             for k in held {
-                members[*k as usize].push((chunk * AT_A_TIME + i) as u32);
+                members[*k as usize].push((first + chunk * AT_A_TIME + i) as u32);
             }
         }
     }
-    members
 }

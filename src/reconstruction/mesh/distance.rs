@@ -53,10 +53,13 @@ impl SurfaceTree {
             .filter(|&t| mesh.triangle_area(t) > 0.0)
             .map(|t| t as u32)
             .collect();
-        let mut places = vec![None; mesh.vertices.len()];
+        // Vertices of neighbouring triangles have near numbers.
+        let used = || triangles.iter().flat_map(|&t| mesh.triangles[t as usize]);
+        let (first, last) = (used().min()?, used().max()?);
+        let mut places = vec![None; (last - first) as usize + 1];
         let mut positions = Vec::new();
         let mut place = |v: u32| {
-            *places[v as usize].get_or_insert_with(|| {
+            *places[(v - first) as usize].get_or_insert_with(|| {
                 positions.push(Vector::from(sub(mesh.vertices[v as usize], origin)));
                 positions.len() as u32 - 1
             })
@@ -137,20 +140,24 @@ fn closest_by_parts(mesh: &TriangleMesh, points: &[Vec3], part: usize) -> Option
     let sorted: Vec<Vec3> = order.iter().map(|&(_, i)| points[i as usize]).collect();
     let mut found = within_reach(mesh, &sorted, part)?;
     let origin = mesh.bounds()?.centre();
-    for first in (0..count).step_by(part) {
+    let tree_from = |first: usize| {
         let part = first..(first + part).min(count);
-        let Some(tree) = SurfaceTree::of_part(mesh, origin, part) else {
-            continue;
-        };
-        found
-            .par_iter_mut()
-            .zip(&sorted)
-            .for_each(|(closest, &point)| {
+        SurfaceTree::of_part(mesh, origin, part)
+    };
+    let mut tree = tree_from(0);
+    for first in (0..count).step_by(part) {
+        // The next tree is made on one thread while the others ask this one.
+        let ask = || {
+            let Some(tree) = tree else { return };
+            let asked = found.par_iter_mut().zip(&sorted);
+            asked.for_each(|(closest, &point)| {
                 let closer = tree.closer(point, closest.distance.min(f64::MAX));
                 if let Some(closer) = closer.filter(|c| c.distance < closest.distance) {
                     *closest = closer;
                 }
             });
+        };
+        ((), tree) = rayon::join(ask, || tree_from(first + part));
     }
     let mut all = found.clone();
     for (&(_, i), found) in order.iter().zip(found) {

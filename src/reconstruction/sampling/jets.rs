@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use super::neighbours::{Neighbourhoods, quantile, tangents};
 use crate::reconstruction::cholesky;
-use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::vector::{Vec3, along, dot, norm, normalized, sub};
 
 /// Sizes of neighbourhoods that are tried, in multiples of the chosen number of neighbours.
@@ -103,11 +102,11 @@ impl Jets {
 
     /// The same from one quadric through the nearest points of each: where points are many, slopes need no more.
     pub fn nearest(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) -> Self {
-        let fits: Vec<Option<Fit>> = map_nearby(points, |i| {
+        let fits: Vec<Option<Fit>> = neighbours.map(|i| {
             let arms = same_sheet(points, normals, neighbours, i);
             fit(&arms, normals[i], DEGREES[1])
         });
-        let errors = map_nearby(points, |i| {
+        let errors = neighbours.map(|i| {
             let pool = iter::once(i).chain(neighbours.of(i).take(POOLED));
             root_mean_square(pool.filter_map(|j| fits[j].map(|fit| fit.error)))
         });

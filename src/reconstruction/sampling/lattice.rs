@@ -1,5 +1,7 @@
 //! Points on a lattice along the axes: voxels of a label map, or the faces between them.
 
+use rayon::prelude::*;
+
 use crate::reconstruction::vector::{Bounds, Vec3};
 
 /// How far a coordinate may be from its place on the lattice, in steps: rounding to four digits.
@@ -70,7 +72,7 @@ impl Lattice {
 
 /// The step of which all differences between the coordinates are multiples; none where there is no such.
 fn step(mut coordinates: Vec<f64>) -> Option<f64> {
-    coordinates.sort_unstable_by(f64::total_cmp);
+    coordinates.par_sort_unstable_by(f64::total_cmp);
     let extent = coordinates.last()? - coordinates.first()?;
     let rounding = OFF * extent / coordinates.len() as f64;
     let gaps: Vec<f64> = coordinates

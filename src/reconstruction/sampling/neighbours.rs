@@ -4,12 +4,12 @@
 
 use std::num::NonZero;
 
-use crate::reconstruction::nearby::{for_each_nearby, map_nearby};
+use crate::reconstruction::nearby::Walk;
 use crate::reconstruction::vector::{Vec3, cross, distance, dot, normalized, sub};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 /// Neighbours over which the local spacing is averaged: those around a point of an even sampling.
-const SPACING_NEIGHBOURS: usize = 6;
+pub(super) const SPACING_NEIGHBOURS: usize = 6;
 
 /// Half the edge of the square, in local spacings, to which a cell at an open border is cut.
 const CELL_REACH: f64 = 1.5;
@@ -67,6 +67,7 @@ impl Tree {
 pub struct Neighbourhoods {
     count: usize,
     indices: Vec<u32>,
+    walk: Walk,
 }
 
 impl Neighbourhoods {
@@ -75,14 +76,45 @@ impl Neighbourhoods {
         let count = count.min(points.len() - 1);
         let mut indices = vec![0; count * points.len()];
         let near = |i: usize| tree.nearest_n(points[i], count + 1);
-        for_each_nearby(points, near, |i, near| {
+        let walk = Walk::along(points);
+        walk.for_each(near, |i, near| {
             let others = near.into_iter().map(|(j, _)| j).filter(|j| *j != i);
             let list = &mut indices[i * count..(i + 1) * count];
             for (to, j) in list.iter_mut().zip(others) {
                 *to = j as u32;
             }
         });
-        Self { count, indices }
+        Self {
+            count,
+            indices,
+            walk,
+        }
+    }
+
+    /// The points in an order in which most follow their neighbours.
+    pub(super) fn order(&self) -> impl Iterator<Item = usize> + '_ {
+        self.walk.order()
+    }
+
+    /// What `work` gives for each point, one after its neighbours, on all threads.
+    pub(super) fn map<R: Send + Clone + Default>(
+        &self,
+        work: impl Fn(usize) -> R + Sync,
+    ) -> Vec<R> {
+        self.walk.map(work)
+    }
+
+    /// The `count` nearest of them, or all where there are fewer.
+    pub(super) fn narrowed(self, count: usize) -> Self {
+        if count >= self.count {
+            return self;
+        }
+        let lists = self.indices.chunks_exact(self.count);
+        Self {
+            count,
+            indices: lists.flat_map(|list| &list[..count]).copied().collect(),
+            ..self
+        }
     }
 
     /// Number of neighbours of each point.
@@ -99,7 +131,7 @@ impl Neighbourhoods {
 
     /// Local spacing of each point: the mean distance to its nearest distinct neighbours.
     pub fn spacings(&self, points: &[Vec3]) -> Vec<f64> {
-        map_nearby(points, |i| {
+        self.map(|i| {
             let near = self.of(i).map(|j| distance(points[i], points[j]));
             let near = near.filter(|d| *d > 0.0).take(SPACING_NEIGHBOURS);
             let (count, sum) = near.fold((0_u32, 0.0), |(count, sum), d| (count + 1, sum + d));
@@ -113,7 +145,7 @@ impl Neighbourhoods {
     /// Neighbours whose normal points the other way belong to the far side of a thin part and are
     /// left out. The others are projected, so that noise along the normal adds no area.
     pub fn areas(&self, points: &[Vec3], normals: &[Vec3], spacings: &[f64]) -> Vec<f64> {
-        map_nearby(points, |i| {
+        self.map(|i| {
             let (u, v) = tangents(normals[i]);
             let reach = CELL_REACH * spacings[i];
             let mut cell = vec![
@@ -122,9 +154,11 @@ impl Neighbourhoods {
                 [reach, reach],
                 [-reach, reach],
             ];
+            let mut clipped = Vec::with_capacity(cell.len() + 4);
             for j in self.of(i).filter(|&j| dot(normals[i], normals[j]) > 0.0) {
                 let edge = sub(points[j], points[i]);
-                cell = clip(&cell, [dot(edge, u), dot(edge, v)]);
+                clip(&cell, [dot(edge, u), dot(edge, v)], &mut clipped);
+                std::mem::swap(&mut cell, &mut clipped);
             }
             area(&cell)
         })
@@ -156,11 +190,11 @@ pub(super) fn tangents(normal: Vec3) -> (Vec3, Vec3) {
     (u, cross(normal, u))
 }
 
-/// The part of a convex polygon that is nearer to the origin than to `other`.
-fn clip(polygon: &[[f64; 2]], other: [f64; 2]) -> Vec<[f64; 2]> {
+/// Makes `kept` the part of a convex polygon that is nearer to the origin than to `other`.
+fn clip(polygon: &[[f64; 2]], other: [f64; 2], kept: &mut Vec<[f64; 2]>) {
     let limit = 0.5 * (other[0] * other[0] + other[1] * other[1]);
     let excess = |p: [f64; 2]| p[0] * other[0] + p[1] * other[1] - limit;
-    let mut kept = Vec::with_capacity(polygon.len() + 1);
+    kept.clear();
     for (k, &a) in polygon.iter().enumerate() {
         let b = polygon[(k + 1) % polygon.len()];
         let (outside_a, outside_b) = (excess(a), excess(b));
@@ -172,7 +206,6 @@ fn clip(polygon: &[[f64; 2]], other: [f64; 2]) -> Vec<[f64; 2]> {
             kept.push([a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]);
         }
     }
-    kept
 }
 
 fn area(polygon: &[[f64; 2]]) -> f64 {

@@ -1,11 +1,14 @@
 //! The surface as its points tell it: normals, spacing, which side is inside, how far it is.
 
+use std::sync::Arc;
+
 use super::evenness::even_scale;
 use super::neighbours::{Neighbourhoods, Tree, median};
 use super::normals::{NormalSource, shared};
 use super::sides::{LEVEL, Sides};
 use super::told::Told;
 use super::winding::Winding;
+use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::vector::{Vec3, dot, sub};
 
@@ -35,6 +38,36 @@ struct OpenSheet {
     away: f64,
 }
 
+/// Points, the tree over them, and the neighbours of each.
+pub struct Located {
+    pub(super) points: Vec<Vec3>,
+    pub(super) tree: Arc<Tree>,
+    pub(super) near: Neighbourhoods,
+}
+
+impl Located {
+    /// `points`, at least one, with so many neighbours of each.
+    pub fn new(points: Vec<Vec3>, neighbours: usize) -> Self {
+        let tree = Arc::new(Tree::new(&points));
+        Self {
+            near: Neighbourhoods::new(&tree, &points, neighbours),
+            points,
+            tree,
+        }
+    }
+}
+
+/// A place beside oriented points.
+#[derive(Clone, Copy, Default)]
+pub struct Place {
+    /// The place itself.
+    q: Vec3,
+    /// Index of the point nearest to it, ...
+    pub nearest: usize,
+    /// ... and how far away that is.
+    to_point: f64,
+}
+
 /// Oriented points with what is needed to ask about places around them.
 pub struct OrientedSurface {
     /// Positions.
@@ -62,39 +95,40 @@ pub struct OrientedSurface {
     doubt: f64,
     /// What divides inside from outside where the points are those of an open sheet.
     open: Option<OpenSheet>,
-    tree: Tree,
+    tree: Arc<Tree>,
     winding: Winding,
 }
 
 impl OrientedSurface {
-    /// The surface through `points`, at least two, all different. Of a `sparse` cloud the winding number
-    /// is taken as unsure as it can be.
+    /// The surface through points, at least two, all different. Of a `sparse` cloud the winding number is taken as
+    /// unsure as it can be.
     pub fn new(
-        points: Vec<Vec3>,
+        located: Located,
         given: Option<&[Vec3]>,
-        neighbours: usize,
         sparse: bool,
         warnings: &mut Vec<Warning>,
     ) -> Self {
-        let tree = Tree::new(&points);
-        let Some(chosen) = even_scale(&points, &tree, 0.0) else {
-            return Self::even(points, given, (neighbours, sparse), warnings);
+        let Some(chosen) = even_scale(&located.points, &located.tree, 0.0) else {
+            return Self::even(located, given, sparse, warnings);
         };
+        let neighbours = located.near.count();
+        let Located { points, tree, .. } = located;
         let pick = |from: &[Vec3]| -> Vec<Vec3> { chosen.iter().map(|&i| from[i]).collect() };
         let some = pick(&points);
         let given = given.map(pick);
-        let even = Self::even(some, given.as_deref(), (neighbours, sparse), warnings);
+        let some = Located::new(some, neighbours);
+        let even = Self::even(some, given.as_deref(), sparse, warnings);
         even.extended_to(points, tree)
     }
 
     fn even(
-        points: Vec<Vec3>,
+        located: Located,
         given: Option<&[Vec3]>,
-        (neighbours, sparse): (usize, bool),
+        sparse: bool,
         warnings: &mut Vec<Warning>,
     ) -> Self {
-        let tree = Tree::new(&points);
-        let told = Told::new(&points, given, &tree, neighbours, warnings);
+        let Located { points, tree, near } = located;
+        let told = Told::new(&points, given, (&tree, near), warnings);
         let oriented = told.oriented(&points);
         let sides = Sides::new(oriented, &told.near);
         Self {
@@ -120,8 +154,8 @@ impl OrientedSurface {
     }
 
     /// The same surface seen from all of `points`, over which `tree` was made.
-    fn extended_to(self, points: Vec<Vec3>, tree: Tree) -> Self {
-        let nearest: Vec<usize> = points.iter().map(|p| self.tree.nearest(*p).0).collect();
+    fn extended_to(self, points: Vec<Vec3>, tree: Arc<Tree>) -> Self {
+        let nearest = map_nearby(&points, |i| self.tree.nearest(points[i]).0);
         let mut along = Neighbourhoods::new(&tree, &points, 2).spacings(&points);
         let across = median(&mut self.spacings.clone());
         let of_nearest = |values: &[f64]| nearest.iter().map(|&i| values[i]).collect();
@@ -139,16 +173,40 @@ impl OrientedSurface {
         }
     }
 
-    /// Whether `q` is inside; `None` where the points leave it open.
+    /// Where each of `queries` is beside the points.
+    pub fn places(&self, queries: &[Vec3]) -> Vec<Place> {
+        map_nearby(queries, |i| self.place(queries[i]))
+    }
+
+    /// Where a place is beside the points.
+    pub fn place(&self, q: Vec3) -> Place {
+        let (nearest, to_point) = self.tree.nearest(q);
+        Place {
+            q,
+            nearest,
+            to_point,
+        }
+    }
+
+    /// Whether each of `places` is inside; `None` where the points leave it open.
     ///
     /// What the points do not surround evenly, they surround by a part of the sphere: around a hole the
     /// winding number is neither 0 nor 1, and the field shall find its own way there. The finer the
     /// sampling, and the farther away, the less else keeps it from either.
-    pub fn inside(&self, q: Vec3) -> Option<bool> {
-        let (i, distance) = self.tree.nearest(q);
-        let away = (distance / self.spacings[i]).max(1.0);
+    pub fn inside(&self, places: &[Place]) -> Vec<Option<bool>> {
+        let queries: Vec<Vec3> = places.iter().map(|place| place.q).collect();
+        let windings = self.winding.at_all(&queries);
+        let told = windings.into_iter().zip(places);
+        told.map(|(winding, place)| self.side(winding, place))
+            .collect()
+    }
+
+    /// Whether a place with such a winding number is inside.
+    fn side(&self, winding: f64, place: &Place) -> Option<bool> {
+        let i = place.nearest;
+        let away = (place.to_point / self.spacings[i]).max(1.0);
         let doubt = (self.doubt / away).clamp(LEAST_DOUBT, MOST_DOUBT);
-        let winding = self.winding.at(q) + LEVEL - self.level(i, away);
+        let winding = winding + LEVEL - self.level(i, away);
         if winding > 1.0 - doubt {
             Some(true)
         } else if winding < doubt {
@@ -166,16 +224,16 @@ impl OrientedSurface {
         })
     }
 
-    /// Index of the point nearest to `q`, and the distance of `q` to the surface there.
+    /// The distance of a place to the surface.
     ///
     /// Close by, that is the distance to the tangent plane; it is never less than what it would
     /// be if the foot lay as far beside the point as gaps between points allow.
-    pub fn nearest(&self, q: Vec3) -> (usize, f64) {
-        let (i, to_point) = self.tree.nearest(q);
-        let to_plane = dot(sub(q, self.points[i]), self.normals[i]).abs();
+    pub fn distance(&self, place: &Place) -> f64 {
+        let i = place.nearest;
+        let to_plane = dot(sub(place.q, self.points[i]), self.normals[i]).abs();
         let gap = GAP * self.spacings[i];
-        let least = (to_point * to_point - gap * gap).max(0.0);
-        (i, to_plane.max(least.sqrt()))
+        let least = (place.to_point * place.to_point - gap * gap).max(0.0);
+        to_plane.max(least.sqrt())
     }
 }
 

@@ -1,8 +1,10 @@
 //! The way from a cloud to its samples, step by step.
 
+use std::sync::Arc;
+
 use super::frame::Frame;
-use super::neighbours::{Neighbourhoods, Tree, median};
-use super::oriented::OrientedSurface;
+use super::neighbours::{Neighbourhoods, SPACING_NEIGHBOURS, Tree, median};
+use super::oriented::{Located, OrientedSurface};
 use super::samples::{Grading, Sampler};
 use super::selection::{Split, even_subset, pick};
 use super::uncertainty::{Uncertainty, believed_noise};
@@ -56,7 +58,7 @@ pub(in crate::reconstruction) fn scan(
 ) -> Result<(Prepared, Option<Scan>), Error> {
     let mut warnings = Vec::new();
     let mut choice = stream(settings.training.seed, Purpose::Selection);
-    let scene = Scene::new(cloud, settings, &mut choice, &mut warnings)?;
+    let mut scene = Scene::new(cloud, settings, &mut choice, &mut warnings)?;
     stop_if(cancelled)?;
     let surface = scene.oriented(&mut warnings);
     stop_if(cancelled)?;
@@ -192,6 +194,10 @@ struct Scene<'a> {
     frame: Frame,
     /// The points at `indices`, unit frame.
     points: Vec<Vec3>,
+    /// Over `points`.
+    tree: Arc<Tree>,
+    /// The neighbours of `points`, until the surface has them; none where only labels are used.
+    near: Option<Neighbourhoods>,
     /// Box of `points`.
     bounds: Bounds,
     grading: Grading,
@@ -219,8 +225,16 @@ impl<'a> Scene<'a> {
         let bounds = box_of(&points)?;
         let band = settings.sampling.band * bounds.diagonal();
         let generated = settings.sampling.off_surface == OffSurface::Generated;
+        let tree = Tree::new(&points);
+        let neighbours = settings.sampling.neighbours.max(SPACING_NEIGHBOURS);
+        let near = generated.then(|| Neighbourhoods::new(&tree, &points, neighbours));
+        let spacing = near
+            .as_ref()
+            .map(|near| median(&mut near.spacings(&points)));
         Ok(Self {
-            sparse: generated && Uncertainty::is_sparse(median_spacing(&points), band),
+            sparse: spacing.is_some_and(|spacing| Uncertainty::is_sparse(spacing, band)),
+            tree: Arc::new(tree),
+            near: near.map(|near| near.narrowed(settings.sampling.neighbours)),
             cloud,
             settings,
             indices,
@@ -236,15 +250,16 @@ impl<'a> Scene<'a> {
     }
 
     /// The oriented surface; none where only labels are used.
-    fn oriented(&self, warnings: &mut Vec<Warning>) -> Option<OrientedSurface> {
-        if self.settings.sampling.off_surface == OffSurface::Labels {
-            return None;
-        }
+    fn oriented(&mut self, warnings: &mut Vec<Warning>) -> Option<OrientedSurface> {
+        let located = Located {
+            points: self.points.clone(),
+            tree: Arc::clone(&self.tree),
+            near: self.near.take()?,
+        };
         let given = self.cloud.normals.as_ref();
         Some(OrientedSurface::new(
-            self.points.clone(),
+            located,
             given.map(|normals| pick(normals, &self.indices)).as_deref(),
-            self.settings.sampling.neighbours,
             self.sparse,
             warnings,
         ))
@@ -286,9 +301,11 @@ impl<'a> Scene<'a> {
         let split = Split::new(&points, self.settings.sampling.labelled_points, 0.0, choice);
         let others = pick(&points, &split.held_out);
         let wanted = (share * split.trained.len() as f64).ceil() as usize;
-        let tree = Tree::new(&self.points);
         let sample = |p: Vec3| {
-            let (_, distance) = surface.map_or_else(|| tree.nearest(p), |s| s.nearest(p));
+            let distance = surface.map_or_else(
+                || self.tree.nearest(p).1,
+                |surface| surface.distance(&surface.place(p)),
+            );
             (p, self.grading.target(label == Label::Interior, distance))
         };
         (
@@ -344,11 +361,6 @@ fn warn_of_one_side(training: &Samples, warnings: &mut Vec<Warning>) {
 fn spacing(trained: &[Vec3], surface: Option<&OrientedSurface>) -> f64 {
     let uneven = surface.filter(|surface| surface.even_points < surface.points.len());
     let across = uneven.map_or(0.0, |surface| median(&mut surface.spacings.clone()));
-    median_spacing(trained).max(across)
-}
-
-/// Median over `points` of the local spacing.
-fn median_spacing(points: &[Vec3]) -> f64 {
-    let tree = Tree::new(points);
-    median(&mut Neighbourhoods::new(&tree, points, 6).spacings(points))
+    let near = Neighbourhoods::new(&Tree::new(trained), trained, SPACING_NEIGHBOURS);
+    median(&mut near.spacings(trained)).max(across)
 }

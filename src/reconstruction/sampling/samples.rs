@@ -1,11 +1,10 @@
 //! Samples off the surface: along the normals, in the box around it and on its shell.
 
 use rand::RngExt;
-use rayon::prelude::*;
 
 use super::Samples;
 use super::oriented::OrientedSurface;
-use crate::reconstruction::nearby::map_nearby;
+use super::selection::pick;
 use crate::reconstruction::random::Generator;
 use crate::reconstruction::settings::Targets;
 use crate::reconstruction::vector::{Bounds, Vec3, along, dot};
@@ -67,28 +66,46 @@ impl Sampler<'_> {
                 (i, STEPS.0 + (STEPS.1 - STEPS.0) * share)
             })
             .collect();
-        let places: Vec<Vec3> = steps.iter().map(|&(i, _)| self.surface.points[i]).collect();
-        let found: Vec<[Option<(Vec3, f64)>; 2]> = map_nearby(&places, |k| {
-            let (i, share) = steps[k];
-            let step = share * self.thinning * self.surface.spacings[i];
-            [-step, step].map(|step| {
-                self.confirmed(i, step)
-                    .or_else(|| self.confirmed(i, 0.5 * step))
+        let steps: Vec<(usize, f64)> = steps
+            .into_iter()
+            .flat_map(|(i, share)| {
+                let step = share * self.thinning * self.surface.spacings[i];
+                [(i, -step), (i, step)]
             })
-        });
-        found.into_iter().flatten().flatten().collect()
+            .collect();
+        let mut found = self.confirmed(&steps);
+        let missing: Vec<usize> = (0..steps.len()).filter(|&k| found[k].is_none()).collect();
+        let halved: Vec<(usize, f64)> = missing
+            .iter()
+            .map(|&k| (steps[k].0, 0.5 * steps[k].1))
+            .collect();
+        for (k, nearer) in missing.into_iter().zip(self.confirmed(&halved)) {
+            found[k] = nearer;
+        }
+        found.into_iter().flatten().collect()
     }
 
-    /// The sample `step` along the normal of point `i`, if it is where it should be.
-    fn confirmed(&self, i: usize, step: f64) -> Option<(Vec3, f64)> {
+    /// The sample at each step along the normal of a point, if it is where it should be.
+    fn confirmed(&self, steps: &[(usize, f64)]) -> Vec<Option<(Vec3, f64)>> {
         let surface = self.surface;
-        let q = along(surface.points[i], step, surface.normals[i]);
-        let (nearest, distance) = surface.nearest(q);
-        let same_part = dot(surface.normals[nearest], surface.normals[i]) > 0.0
-            && distance >= LEAST_CLEARANCE * step.abs();
-        let inside = step < 0.0;
-        (same_part && surface.inside(q) == Some(inside))
-            .then(|| (q, self.grading.target(inside, step.abs())))
+        let at = |&(i, step): &(usize, f64)| along(surface.points[i], step, surface.normals[i]);
+        let queries: Vec<Vec3> = steps.iter().map(at).collect();
+        let places = surface.places(&queries);
+        let is_clear = |k: &usize| {
+            let ((i, step), place) = (steps[*k], &places[*k]);
+            dot(surface.normals[place.nearest], surface.normals[i]) > 0.0
+                && surface.distance(place) >= LEAST_CLEARANCE * step.abs()
+        };
+        let clear: Vec<usize> = (0..steps.len()).filter(is_clear).collect();
+        let mut found = vec![None; steps.len()];
+        for (&k, inside) in clear.iter().zip(surface.inside(&pick(&places, &clear))) {
+            let expected = steps[k].1 < 0.0;
+            if inside == Some(expected) {
+                let target = self.grading.target(expected, steps[k].1.abs());
+                found[k] = Some((queries[k], target));
+            }
+        }
+        found
     }
 
     /// Up to `count` samples in `region` and on its shell, unit frame; places that the winding
@@ -97,17 +114,7 @@ impl Sampler<'_> {
     /// Their distances are those to a point or to its tangent plane, and off by as much as the spacing. Where
     /// that is as much as the band, an exact target bends the field; a bound keeps the side all the same.
     pub fn far(&self, region: &Bounds, count: usize, random: &mut Generator) -> Samples {
-        let places: Vec<Vec3> = (0..count)
-            .map(|k| place(region, k % SHELL_EVERY == 0, random))
-            .collect();
-        let mut found: Vec<(f64, (Vec3, f64))> = places
-            .par_iter()
-            .filter_map(|&q| {
-                let inside = self.surface.inside(q)?;
-                let (_, distance) = self.surface.nearest(q);
-                Some((distance, (q, self.grading.target(inside, distance))))
-            })
-            .collect();
+        let mut found = self.known(&far_places(region, count, random));
         let samples = |found: Vec<(f64, (Vec3, f64))>| -> Samples {
             found.into_iter().map(|(_, sample)| sample).collect()
         };
@@ -118,6 +125,31 @@ impl Sampler<'_> {
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         samples(found).at_least()
     }
+
+    /// Samples at those of the `places` whose side is sure.
+    pub fn at(&self, places: &[Vec3]) -> Samples {
+        let found = self.known(places).into_iter();
+        found.map(|(_, sample)| sample).collect()
+    }
+
+    /// The same with their distances.
+    fn known(&self, queries: &[Vec3]) -> Vec<(f64, (Vec3, f64))> {
+        let places = self.surface.places(queries);
+        let sides = self.surface.inside(&places);
+        let told = queries.iter().zip(&places).zip(sides);
+        told.filter_map(|((q, place), inside)| {
+            let distance = self.surface.distance(place);
+            Some((distance, (*q, self.grading.target(inside?, distance))))
+        })
+        .collect()
+    }
+}
+
+/// `count` places in `region` and on its shell.
+pub fn far_places(region: &Bounds, count: usize, random: &mut Generator) -> Vec<Vec3> {
+    (0..count)
+        .map(|k| place(region, k % SHELL_EVERY == 0, random))
+        .collect()
 }
 
 /// A place in `region`, uniform in its volume or, on the shell, on a random face.

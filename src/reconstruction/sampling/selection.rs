@@ -85,12 +85,20 @@ pub fn even_subset(points: &[Vec3], count: usize, random: &mut Generator) -> Vec
 
 /// Those of `indices` whose point has not come before in the list.
 pub fn distinct(points: &[Vec3], indices: &[usize]) -> Vec<usize> {
-    let mut seen = HashSet::with_capacity(indices.len());
-    indices
-        .iter()
-        .copied()
-        // Adding zero makes -0 and 0 the same key.
-        .filter(|&i| seen.insert(bits(points[i])))
+    let points = pick(points, indices);
+    let order = morton_order(&points);
+    let mut repeats = vec![false; points.len()];
+    let mut seen = HashSet::new();
+    // The same points are in the same cell, one after the other as in the list.
+    for cell in order.chunk_by(|a, b| a.0 == b.0).filter(|c| c.len() > 1) {
+        seen.clear();
+        for &(_, i) in cell {
+            repeats[i as usize] = !seen.insert(bits(points[i as usize]));
+        }
+    }
+    let kept = indices.iter().zip(repeats);
+    kept.filter(|(_, repeats)| !repeats)
+        .map(|(i, _)| *i)
         .collect()
 }
 

@@ -4,8 +4,7 @@ use rayon::prelude::*;
 
 use super::neighbours::{Neighbourhoods, quantile};
 use super::winding::{Oriented, Winding};
-use crate::reconstruction::nearby::map_nearby;
-use crate::reconstruction::vector::along;
+use crate::reconstruction::vector::{Vec3, along};
 
 /// The share of the points from which to the next the winding number changes less than the doubt takes.
 const DOUBT_QUANTILE: f64 = 0.75;
@@ -90,9 +89,12 @@ impl Sides {
 
     /// The winding number of the surface at each of the points: half way between both sides.
     pub(super) fn levels(&self, oriented: Oriented<'_>) -> Vec<f64> {
-        map_nearby(oriented.points, |i| {
-            middle(beside(&self.winding, oriented, i))
-        })
+        let [inner, outer] = [-1.0, 1.0].map(|side| {
+            let places = (0..oriented.points.len()).map(|i| place_beside(oriented, i, side));
+            self.winding.at_all(&places.collect::<Vec<_>>())
+        });
+        let both = inner.into_iter().zip(outer);
+        both.map(|(inner, outer)| middle([inner, outer])).collect()
     }
 
     fn share(&self, holds: impl Fn([f64; 2]) -> bool) -> f64 {
@@ -102,8 +104,16 @@ impl Sides {
 }
 
 fn beside(winding: &Winding, oriented: Oriented<'_>, i: usize) -> [f64; 2] {
-    let (point, normal) = (oriented.points[i], oriented.normals[i]);
-    [-1.0, 1.0].map(|side| winding.at(along(point, side * oriented.spacings[i], normal)))
+    [-1.0, 1.0].map(|side| winding.at(place_beside(oriented, i, side)))
+}
+
+/// The place one local spacing inside, at -1, or outside of point `i`, at 1.
+fn place_beside(oriented: Oriented<'_>, i: usize, side: f64) -> Vec3 {
+    along(
+        oriented.points[i],
+        side * oriented.spacings[i],
+        oriented.normals[i],
+    )
 }
 
 fn middle([inner, outer]: [f64; 2]) -> f64 {

@@ -6,9 +6,11 @@
 
 use std::collections::HashSet;
 
+use rayon::prelude::*;
+
 use super::body::Body;
 use super::lattice::Lattice;
-use super::neighbours::{Neighbourhoods, Tree, median};
+use super::neighbours::{Neighbourhoods, SPACING_NEIGHBOURS, Tree, median};
 use super::stairs::smoothed;
 use crate::reconstruction::cloud::{self, PointCloud};
 use crate::reconstruction::observer::Warning;
@@ -25,6 +27,9 @@ const IN_PLANE: f64 = 1e-9;
 /// Edge of the boxes in which points of a filled body are counted, in spacings: one of random points in a volume
 /// holds eight, so that none is empty.
 const BOX: f64 = 2.2;
+
+/// So many points tell how far apart they are.
+const ASKED: usize = 20_000;
 
 /// Share of the boxes that have boxes with points all around them from which on points may fill a body.
 const INNER_BOXES: f64 = 0.15;
@@ -98,13 +103,11 @@ fn told(given: &PointCloud, body: &Body) -> Boundary {
 fn is_flat(points: &[Vec3]) -> bool {
     let tree = Tree::new(points);
     let near = Neighbourhoods::new(&tree, points, FLAT);
-    let mut shares: Vec<f64> = (0..points.len())
-        .map(|i| {
-            let arms: Vec<Vec3> = near.of(i).map(|j| sub(points[j], points[i])).collect();
-            let (values, _) = eigen(covariance(&arms));
-            values[0].max(0.0) / values[2].max(f64::MIN_POSITIVE)
-        })
-        .collect();
+    let mut shares = near.map(|i| {
+        let arms: Vec<Vec3> = near.of(i).map(|j| sub(points[j], points[i])).collect();
+        let (values, _) = eigen(covariance(&arms));
+        values[0].max(0.0) / values[2].max(f64::MIN_POSITIVE)
+    });
     median(&mut shares) < IN_PLANE
 }
 
@@ -115,14 +118,17 @@ fn fills_a_body(points: &[Vec3]) -> bool {
         return false;
     };
     let tree = Tree::new(points);
-    let edge = BOX * median(&mut Neighbourhoods::new(&tree, points, 6).spacings(points));
+    let edge = BOX * typical_spacing(points, &tree);
     if edge.is_subnormal() || edge == 0.0 {
         return false;
     }
-    let all: HashSet<[i64; 3]> = points
-        .iter()
+    let mut boxes: Vec<[i64; 3]> = points
+        .par_iter()
         .map(|p| std::array::from_fn(|axis| ((p[axis] - bounds.min[axis]) / edge) as i64))
         .collect();
+    boxes.par_sort_unstable();
+    boxes.dedup();
+    let all: HashSet<[i64; 3]> = boxes.into_iter().collect();
     let inner = eroded(&all);
     let share = inner.len() as f64 / all.len() as f64;
     let (mut depth, mut left) = (0.5, inner);
@@ -132,6 +138,25 @@ fn fills_a_body(points: &[Vec3]) -> bool {
     }
     let shortest = bounds.extent().into_iter().fold(f64::INFINITY, f64::min);
     share >= INNER_BOXES && depth * edge >= DEEP * 0.5 * shortest
+}
+
+/// Median distance to the nearest points, of some of them where they are many.
+fn typical_spacing(points: &[Vec3], tree: &Tree) -> f64 {
+    let asked = (0..points.len())
+        .into_par_iter()
+        .step_by(points.len().div_ceil(ASKED));
+    let mut spacings: Vec<f64> = asked
+        .map(|i| {
+            let near = tree.nearest_n(points[i], SPACING_NEIGHBOURS + 1);
+            let (count, sum) = near
+                .iter()
+                .filter(|(j, distance)| *j != i && *distance > 0.0)
+                .take(SPACING_NEIGHBOURS)
+                .fold((0.0, 0.0), |(count, sum), near| (count + 1.0, sum + near.1));
+            sum / f64::max(count, 1.0)
+        })
+        .collect();
+    median(&mut spacings)
 }
 
 /// Those of the boxes that have others of them on all 26 sides.

@@ -6,11 +6,11 @@ use rayon::prelude::*;
 
 use super::evenness::even_scale;
 use super::neighbours::{Neighbourhoods, Tree, median};
-use crate::reconstruction::nearby::map_nearby;
+use super::selection::pick;
 use crate::reconstruction::symmetric::{covariance, eigen};
-use crate::reconstruction::vector::{Vec3, dot, sub};
+use crate::reconstruction::vector::{Vec3, add, distance, dot, norm, sub};
 
-/// Neighbours to which a point may be tied, and of which planes are fitted.
+/// Neighbours to which a point may be tied, and of which planes are fitted; at most as many as a `u16` has bits.
 const NEAR: usize = 12;
 
 /// A point is tied to a neighbour within so many local spacings of either: gaps of a random sampling are
@@ -61,17 +61,20 @@ fn of_even(points: &[Vec3], tree: &Tree) -> Vec<usize> {
     let spacings = near.spacings(points);
     let kept = on_pieces(points, &near, &spacings);
     let base: Vec<usize> = (0..points.len()).filter(|&i| kept[i]).collect();
-    let base_points: Vec<Vec3> = base.iter().map(|&i| points[i]).collect();
-    let base_tree = Tree::new(&base_points);
-    let is_stray = map_nearby(points, |i| {
+    // Where all are kept, their neighbours are known.
+    let base_tree = (base.len() < points.len()).then(|| Tree::new(&pick(points, &base)));
+    let around = |i: usize| -> Vec<(usize, f64)> {
+        let Some(tree) = &base_tree else {
+            let near = near.of(i);
+            return near.map(|j| (j, distance(points[i], points[j]))).collect();
+        };
         // Without the point itself.
-        let around: Vec<(usize, f64)> = base_tree
-            .nearest_n(points[i], NEAR + 1)
-            .into_iter()
-            .map(|(k, distance)| (base[k], distance))
-            .filter(|&(j, _)| j != i)
-            .take(NEAR)
-            .collect();
+        let near = tree.nearest_n(points[i], NEAR + 1).into_iter();
+        let near = near.map(|(k, distance)| (base[k], distance));
+        near.filter(|&(j, _)| j != i).take(NEAR).collect()
+    };
+    let is_stray = near.map(|i| {
+        let around = around(i);
         let mut theirs: Vec<f64> = around.iter().map(|&(j, _)| spacings[j]).collect();
         let spacing = median(&mut theirs);
         let distance = around.first().map_or(0.0, |nearest| nearest.1);
@@ -88,8 +91,12 @@ fn of_even(points: &[Vec3], tree: &Tree) -> Vec<usize> {
 /// Whether `p` is clearly above the plane of the points `beside` it.
 fn is_off(p: Vec3, beside: &[Vec3], spacing: f64) -> bool {
     let arms: Vec<Vec3> = beside.iter().map(|q| sub(*q, p)).collect();
-    let (values, vectors) = eigen(covariance(&arms));
     let count = arms.len() as f64;
+    // It is no higher above their plane than it is away from their middle.
+    if norm(arms.iter().copied().fold([0.0; 3], add)) <= HIGH * spacing * count {
+        return false;
+    }
+    let (values, vectors) = eigen(covariance(&arms));
     let height = arms.iter().map(|arm| dot(*arm, vectors[0])).sum::<f64>() / count;
     height.abs() > (HIGH * spacing).max(ROUGH * values[0].max(0.0).sqrt())
 }
@@ -101,8 +108,8 @@ fn on_pieces(points: &[Vec3], near: &Neighbourhoods, spacings: &[f64]) -> Vec<bo
     let largest = pieces.iter().map(Vec::len).max().unwrap_or(0);
     let mut kept = vec![false; points.len()];
     for piece in &pieces {
-        let is_surface = piece.len() >= PIECE && !fills_space(points, piece);
-        if (piece.len() == largest || is_surface) && !scattered[piece[0]] {
+        let is_surface = || piece.len() >= PIECE && !fills_space(points, piece);
+        if !scattered[piece[0]] && (piece.len() == largest || is_surface()) {
             for &i in piece {
                 kept[i] = true;
             }
@@ -136,29 +143,42 @@ fn pieces(
     spacings: &[f64],
     scattered: &[bool],
 ) -> Vec<Vec<usize>> {
-    let mut piece_of: Vec<usize> = (0..points.len()).collect();
-    for i in (0..points.len()).filter(|&i| !scattered[i]) {
-        for j in near.of(i).filter(|&j| !scattered[j]) {
+    // Bit k of point i: it is tied to its neighbour k.
+    let ties: Vec<u16> = near.map(|i| {
+        let others = near.of(i).enumerate().filter(|&(_, j)| {
             let reach = TIE * spacings[i].min(spacings[j]);
             let arm = sub(points[j], points[i]);
-            if dot(arm, arm) <= reach * reach {
-                let (a, b) = (root(&mut piece_of, i), root(&mut piece_of, j));
-                piece_of[a.max(b)] = a.min(b);
+            !scattered[i] && !scattered[j] && dot(arm, arm) <= reach * reach
+        });
+        others.fold(0, |ties, (k, _)| ties | 1 << k)
+    });
+    let mut parents: Vec<u32> = (0..points.len() as u32).collect();
+    for i in near.order() {
+        for (k, j) in near.of(i).enumerate() {
+            if ties[i] >> k & 1 == 1 {
+                let (a, b) = (root(&mut parents, i), root(&mut parents, j));
+                parents[a.max(b)] = a.min(b) as u32;
             }
         }
     }
-    let mut pieces = vec![Vec::new(); points.len()];
+    // The root of a piece is its first point.
+    let mut pieces: Vec<Vec<usize>> = Vec::new();
+    let mut piece_of = vec![0; points.len()];
     for i in 0..points.len() {
-        pieces[root(&mut piece_of, i)].push(i);
+        let root = root(&mut parents, i);
+        if root == i {
+            piece_of[i] = pieces.len() as u32;
+            pieces.push(Vec::new());
+        }
+        pieces[piece_of[root] as usize].push(i);
     }
-    pieces.retain(|piece| !piece.is_empty());
     pieces
 }
 
-fn root(parents: &mut [usize], mut i: usize) -> usize {
-    while parents[i] != i {
-        parents[i] = parents[parents[i]];
-        i = parents[i];
+fn root(parents: &mut [u32], mut i: usize) -> usize {
+    while parents[i] as usize != i {
+        parents[i] = parents[parents[i] as usize];
+        i = parents[i] as usize;
     }
     i
 }
@@ -168,8 +188,6 @@ fn fills_space(points: &[Vec3], piece: &[usize]) -> bool {
     let own: Vec<Vec3> = piece.iter().map(|&i| points[i]).collect();
     let tree = Tree::new(&own);
     let near = Neighbourhoods::new(&tree, &own, NEAR);
-    let mut spreads: Vec<f64> = (0..own.len())
-        .map(|i| spread(&own, i, near.of(i)))
-        .collect();
+    let mut spreads = near.map(|i| spread(&own, i, near.of(i)));
     median(&mut spreads) > FILLS_SPACE
 }

@@ -31,16 +31,16 @@ pub(super) struct Told {
 }
 
 impl Told {
-    /// From so many `neighbours`, or from more where bare points contradict themselves with these and clearly less
+    /// From these neighbours, or from more where bare points contradict themselves with these and clearly less
     /// with those.
     pub(super) fn new(
         points: &[Vec3],
         given: Option<&[Vec3]>,
-        tree: &Tree,
-        neighbours: usize,
+        (tree, near): (&Tree, Neighbourhoods),
         warnings: &mut Vec<Warning>,
     ) -> Self {
-        let told = Self::by(points, given, (tree, neighbours), warnings);
+        let neighbours = near.count();
+        let told = Self::by(points, given, (tree, near), warnings);
         if told.normals.source == NormalSource::Given || points.len() > MANY {
             return told;
         }
@@ -49,6 +49,7 @@ impl Told {
             return told;
         }
         let more = (MORE * neighbours as f64) as usize;
+        let more = Neighbourhoods::new(tree, points, more);
         let by_more = Self::by(points, None, (tree, more), &mut Vec::new());
         let less = CLEARLY_LESS * contradiction.closed;
         if least_contradiction(by_more.oriented(points), less).closed < less {
@@ -61,10 +62,9 @@ impl Told {
     fn by(
         points: &[Vec3],
         given: Option<&[Vec3]>,
-        (tree, neighbours): (&Tree, usize),
+        (tree, near): (&Tree, Neighbourhoods),
         warnings: &mut Vec<Warning>,
     ) -> Self {
-        let near = Neighbourhoods::new(tree, points, neighbours);
         let normals = normals(points, given, tree, &near, warnings);
         let spacings = near.spacings(points);
         Self {
@@ -120,7 +120,9 @@ mod tests {
     fn noise_of_twice_the_spacing_asks_for_more_neighbours() {
         for (noise, expected) in [(0.0, 16), (1.0, 40)] {
             let (points, outward) = rod(2600, noise);
-            let told = Told::new(&points, None, &Tree::new(&points), 16, &mut Vec::new());
+            let tree = Tree::new(&points);
+            let near = Neighbourhoods::new(&tree, &points, 16);
+            let told = Told::new(&points, None, (&tree, near), &mut Vec::new());
             assert_eq!(told.near.count(), expected);
             let found = &told.normals.directions;
             let right = found

@@ -7,6 +7,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use crate::reconstruction::mesh::{TriangleMesh, components};
+use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::settings::Components;
 use crate::reconstruction::vector::{Vec3, distance};
 
@@ -95,18 +96,19 @@ fn support(
     if mesh.vertices.is_empty() {
         return support;
     }
-    let supported: Vec<u32> = points
-        .par_iter()
+    let points: Vec<Vec3> = points
+        .iter()
+        .copied()
         .filter(|p| p.iter().all(|v| v.is_finite()))
-        .filter_map(|point| {
-            let nearest = tree
-                .query(point)
-                .nearest_one::<SquaredEuclidean<f64>>()
-                .execute();
-            (nearest.distance <= reach * reach).then(|| id_of_vertex[nearest.item as usize])
-        })
         .collect();
-    for id in supported {
+    let supported: Vec<Option<u32>> = map_nearby(&points, |i| {
+        let nearest = tree
+            .query(&points[i])
+            .nearest_one::<SquaredEuclidean<f64>>()
+            .execute();
+        (nearest.distance <= reach * reach).then(|| id_of_vertex[nearest.item as usize])
+    });
+    for id in supported.into_iter().flatten() {
         // A vertex of no triangle belongs to no component.
         if let Some(support) = support.get_mut(id as usize) {
             *support += 1;

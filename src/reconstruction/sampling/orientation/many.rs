@@ -4,7 +4,6 @@ use rayon::prelude::*;
 
 use super::contradiction::contradiction;
 use super::{CLEARLY_LESS, CONTRADICTS, Estimated, MANY, ROUGH, orient, refined, spanning};
-use crate::reconstruction::nearby::map_nearby;
 use crate::reconstruction::random::{Purpose, stream};
 use crate::reconstruction::sampling::jets::Jets;
 use crate::reconstruction::sampling::neighbours::{Neighbourhoods, Tree, median};
@@ -82,7 +81,7 @@ impl<'a> Many<'a> {
     /// `normals` whose sides in folds come from the points themselves; `None` where the subset, of this `tree`, `bends`
     /// nowhere.
     fn grown(&self, normals: &[Vec3], tree: &Tree, bends: &[bool]) -> Option<Vec<Vec3>> {
-        let known: Vec<bool> = map_nearby(self.points, |i| {
+        let known: Vec<bool> = self.neighbours.map(|i| {
             let near = tree.nearest_n(self.points[i], NEXT);
             !near.iter().any(|&(i, _)| bends[i])
         });
@@ -90,7 +89,7 @@ impl<'a> Many<'a> {
             return None;
         }
         let count = self.neighbours.count();
-        let directions: Vec<Vec3> = map_nearby(self.points, |i| {
+        let directions: Vec<Vec3> = self.neighbours.map(|i| {
             if known[i] {
                 normals[i]
             } else {
