@@ -71,7 +71,9 @@ async fn nobody_reaches_the_database(way: Way) {
     let cut = cluster.by(Some(&proxy), None);
     let node = cut.serve("node", &["--workers=0"]).await;
     let work = format!("--script=sleep:{}", long() + 9);
-    let worker = cut.worker("worker", &[&work, "--slots=1"]).await;
+    // The time away is no time of the job.
+    let limit = format!("--job-time-limit-seconds={}", long() + 4);
+    let worker = cut.worker("worker", &[&work, &limit, "--slots=1"]).await;
     let job = node.submit(&node.upload().await).await;
     running(&node, &job).await;
     proxy.set(way);

@@ -186,7 +186,7 @@ impl<'a> Attempt<'a> {
         let options = &self.worker.options;
         let insist = self.insist.clone();
         let overdue = insist.overdue();
-        let limit = tokio::time::sleep(options.time_limit.saturating_sub(self.claim.worked));
+        let limit = control.has_worked(options.time_limit.saturating_sub(self.claim.worked));
         tokio::pin!(overdue, limit);
         let mut flush = tokio::time::interval(FLUSH);
         flush.set_missed_tick_behavior(MissedTickBehavior::Delay);

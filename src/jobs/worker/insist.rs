@@ -38,11 +38,13 @@ pub(super) struct Insist {
 }
 
 impl Insist {
-    /// Repeats what is asked of the rows, as long as the terms of the store allow.
+    /// Repeats what is asked of the rows, as long as the terms of the store allow. The time is none of the job's.
     pub(super) async fn rows<T, F>(&self, write: impl Fn() -> F) -> Result<T>
     where
         F: Future<Output = Result<T>>,
     {
+        let begun = Instant::now();
+        let mut delay = None;
         let mut tries = 1;
         loop {
             match write().await {
@@ -51,6 +53,7 @@ impl Insist {
                         tracing::warn!(tries, error.message = %error, "the database is asked again");
                     }
                     tries += 1;
+                    delay.get_or_insert_with(|| self.control.delay(begun));
                     sleep(PAUSE).await;
                 }
                 result => return result,
@@ -72,12 +75,14 @@ impl Insist {
         }
         let since = Instant::now();
         let mut pause = PAUSE;
+        let mut delay = None;
         let work = async {
             loop {
                 match self.rows(&work).await {
                     Err(error @ Error::ContentUnavailable(_)) if since.elapsed() < AWAY => {
                         tracing::warn!(job = %self.claim.job_id(), error.message = %error,
                             "content is tried again");
+                        delay.get_or_insert_with(|| self.control.delay(since));
                         self.tell().await;
                         sleep(pause).await;
                         pause = (2 * pause).min(LONGEST_PAUSE);

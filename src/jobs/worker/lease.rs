@@ -1,7 +1,6 @@
 //! Holding a job: renewals, and hearing that a client wants it to end.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use tokio::sync::watch;
 use tokio::time::MissedTickBehavior;
@@ -20,7 +19,6 @@ pub(super) async fn hold(
     let mut renewal = tokio::time::interval(terms.renewal);
     renewal.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut awake = true;
-    let begun = Instant::now();
     loop {
         let due = tokio::select! {
             _ = renewal.tick() => true,
@@ -31,7 +29,7 @@ pub(super) async fn hold(
         };
         let lease = if due {
             store
-                .renew(&claim, terms.lease_ms, claim.worked + begun.elapsed())
+                .renew(&claim, terms.lease_ms, claim.worked + control.worked())
                 .await
         } else {
             // Only a read, because wake-ups come for other jobs too.

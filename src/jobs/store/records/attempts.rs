@@ -1,11 +1,15 @@
 //! What a worker writes while it holds a job, and the one transaction that makes it a success.
 
+use bytes::Bytes;
+use futures_util::future::BoxFuture;
+
 use super::outcome::{Fence, Outcome};
 use super::row::integer;
 use crate::jobs::assessment::Assessment;
 use crate::jobs::attempt::sha256_hex;
 use crate::jobs::store::Store;
 use crate::jobs::store::Transaction;
+use crate::jobs::store::content::objects::Kept;
 use crate::jobs::store::sql::{query, scalar};
 use crate::jobs::{Claim, Error, JobId, NewEvent, NewMesh, Record, Result, Success};
 use crate::reconstruction::Phase;
@@ -30,13 +34,9 @@ impl Store {
         if evaluation == 0 {
             return Err(Error::SnapshotAtZero);
         }
-        self.check_held(claim).await?;
-        let (id, attempt) = (claim.job.id.clone(), claim.attempt);
-        let object = self.put_object(mesh.data.clone()).await?;
-        let named = object.clone();
-        self.name(&[&object], move |mut tx| {
+        let id = claim.job.id.clone();
+        self.put_for(claim, mesh.data.clone(), move |mut tx, named| {
             Box::pin(async move {
-                tx.held(&id, attempt).await?;
                 tx.put_mesh(&id, evaluation, &mesh, &named).await?;
                 let event = NewEvent::Snapshot {
                     evaluation,
@@ -46,6 +46,28 @@ impl Store {
                     verdict: mesh.verdict,
                 };
                 tx.append_event(&id, &event).await
+            })
+        })
+        .await
+    }
+
+    /// Puts content of an attempt into its place, and has `work` name it.
+    ///
+    /// # Errors
+    /// `Stale` if the claim is over; nothing is kept then, nor if `work` fails.
+    pub(super) async fn put_for<F>(&self, claim: &Claim, content: Bytes, work: F) -> Result<()>
+    where
+        F: for<'c> FnOnce(Transaction<'c>, Kept) -> BoxFuture<'c, Result<()>> + Send + 'static,
+    {
+        self.check_held(claim).await?;
+        let (id, attempt) = (claim.job.id.clone(), claim.attempt);
+        let object = self.put_object(content).await?;
+        let named = object.clone();
+        self.name(&[&object], move |mut tx| {
+            Box::pin(async move {
+                tx.held(&id, attempt).await?;
+                tx.may_name(&named).await?;
+                work(tx, named).await
             })
         })
         .await
@@ -79,6 +101,8 @@ impl Store {
             Box::pin(async move {
                 let (surface, network) = named;
                 tx.record(&id, attempt, &last).await?;
+                tx.may_name(&surface).await?;
+                tx.may_name(&network).await?;
                 tx.put_mesh(&id, 0, &mesh, &surface).await?;
                 tx.put_model(&id, hash, &network).await?;
                 let event = NewEvent::Succeeded {

@@ -32,14 +32,9 @@ impl Store {
         evaluation: u64,
         data: impl Into<Bytes>,
     ) -> Result<()> {
-        self.check_held(claim).await?;
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
-        let object = self.put_object(data.into()).await?;
-        let named = object.clone();
-        self.name(&[&object], move |mut tx| {
+        self.put_for(claim, data.into(), move |mut tx, named| {
             Box::pin(async move {
-                tx.held(&id, attempt).await?;
-                tx.may_name(&named).await?;
                 tx.bury_checkpoint(&id).await?;
                 query(
                     "INSERT INTO checkpoints (job_id, attempt, evaluation, object, bytes,

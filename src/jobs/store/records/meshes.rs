@@ -106,7 +106,6 @@ impl Transaction<'_> {
         mesh: &NewMesh,
         object: &Kept,
     ) -> Result<()> {
-        self.may_name(object).await?;
         for statement in [
             "INSERT INTO graves (key)
                  SELECT object FROM meshes WHERE job_id = ?1 AND evaluation = ?2",
@@ -144,7 +143,6 @@ impl Transaction<'_> {
         sha256: String,
         object: &Kept,
     ) -> Result<()> {
-        self.may_name(object).await?;
         query("INSERT INTO models (job_id, object, bytes, sha256) VALUES (?1, ?2, ?3, ?4)")
             .bind(id.as_str())
             .bind(&object.key)

@@ -52,14 +52,9 @@ impl Store {
         number: usize,
         (processor, input): (String, Bytes),
     ) -> Result<()> {
-        self.check_held(claim).await?;
         let (id, attempt) = (claim.job.id.clone(), claim.attempt);
-        let object = self.put_object(input).await?;
-        let named = object.clone();
-        self.name(&[&object], move |mut tx| {
+        self.put_for(claim, input, move |mut tx, named| {
             Box::pin(async move {
-                tx.held(&id, attempt).await?;
-                tx.may_name(&named).await?;
                 query(
                     "INSERT INTO shares (job_id, share, attempt, processor, object, bytes, created_at)
                      VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
