@@ -108,20 +108,24 @@ fn the_areas_of_a_sphere_add_up_to_its_own() {
     );
 }
 
+/// The winding number of points with their outward normals.
+fn winding(points: &[Vec3], normals: &[Vec3]) -> Winding {
+    let near = Neighbourhoods::new(&Tree::new(points), points, 16);
+    let spacings = near.spacings(points);
+    Winding::new(Oriented {
+        points,
+        normals,
+        areas: &near.areas(points, normals, &spacings),
+        spacings: &spacings,
+    })
+}
+
 #[test]
 fn the_winding_number_is_one_inside_and_zero_outside() {
     for points in [300, 3_000] {
         let cloud = drawn(SPHERE, points, true);
         let normals = cloud.normals.unwrap();
-        let tree = Tree::new(&cloud.points);
-        let near = Neighbourhoods::new(&tree, &cloud.points, 16);
-        let spacings = near.spacings(&cloud.points);
-        let winding = Winding::new(Oriented {
-            points: &cloud.points,
-            normals: &normals,
-            areas: &near.areas(&cloud.points, &normals, &spacings),
-            spacings: &spacings,
-        });
+        let winding = winding(&cloud.points, &normals);
         for direction in &normals {
             for (radius, expected) in [(0.1, 1.0), (0.5, 1.0), (1.5, 0.0), (4.0, 0.0)] {
                 let q = scale(*direction, radius);
@@ -139,14 +143,7 @@ fn the_winding_number_is_one_inside_and_zero_outside() {
 fn winding_numbers_of_many_places_are_those_of_each() {
     let cloud = drawn(Shape::Hand, 40_000, true);
     let normals = cloud.normals.unwrap();
-    let near = Neighbourhoods::new(&Tree::new(&cloud.points), &cloud.points, 16);
-    let spacings = near.spacings(&cloud.points);
-    let winding = Winding::new(Oriented {
-        points: &cloud.points,
-        normals: &normals,
-        areas: &near.areas(&cloud.points, &normals, &spacings),
-        spacings: &spacings,
-    });
+    let winding = winding(&cloud.points, &normals);
     let beside = cloud.points.iter().zip(&normals).enumerate();
     let beside = beside.map(|(i, (p, n))| add(*p, scale(*n, 0.1 * (i % 7) as f64 - 0.3)));
     let queries: Vec<Vec3> = beside.take(39_999).collect();

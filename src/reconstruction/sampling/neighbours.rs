@@ -131,12 +131,7 @@ impl Neighbourhoods {
 
     /// Local spacing of each point: the mean distance to its nearest distinct neighbours.
     pub fn spacings(&self, points: &[Vec3]) -> Vec<f64> {
-        self.map(|i| {
-            let near = self.of(i).map(|j| distance(points[i], points[j]));
-            let near = near.filter(|d| *d > 0.0).take(SPACING_NEIGHBOURS);
-            let (count, sum) = near.fold((0_u32, 0.0), |(count, sum), d| (count + 1, sum + d));
-            sum / f64::from(count.max(1))
-        })
+        self.map(|i| spacing(self.of(i).map(|j| distance(points[i], points[j]))))
     }
 
     /// Area of the surface that each point stands for: its Voronoi cell among its neighbours in
@@ -163,6 +158,13 @@ impl Neighbourhoods {
             area(&cell)
         })
     }
+}
+
+/// Local spacing of a point: the mean of its distances to the nearest distinct others, of these, nearest first.
+pub(super) fn spacing(distances: impl Iterator<Item = f64>) -> f64 {
+    let near = distances.filter(|d| *d > 0.0).take(SPACING_NEIGHBOURS);
+    let (count, sum) = near.fold((0_u32, 0.0), |(count, sum), d| (count + 1, sum + d));
+    sum / f64::from(count.max(1))
 }
 
 /// The middle one of `values` in their order; 0 without values.

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::body::Body;
 use super::lattice::Lattice;
-use super::neighbours::{Neighbourhoods, SPACING_NEIGHBOURS, Tree, median};
+use super::neighbours::{Neighbourhoods, SPACING_NEIGHBOURS, Tree, median, spacing};
 use super::stairs::smoothed;
 use crate::reconstruction::cloud::{self, PointCloud};
 use crate::reconstruction::observer::Warning;
@@ -148,12 +148,7 @@ fn typical_spacing(points: &[Vec3], tree: &Tree) -> f64 {
     let mut spacings: Vec<f64> = asked
         .map(|i| {
             let near = tree.nearest_n(points[i], SPACING_NEIGHBOURS + 1);
-            let (count, sum) = near
-                .iter()
-                .filter(|(j, distance)| *j != i && *distance > 0.0)
-                .take(SPACING_NEIGHBOURS)
-                .fold((0.0, 0.0), |(count, sum), near| (count + 1.0, sum + near.1));
-            sum / f64::max(count, 1.0)
+            spacing(near.into_iter().map(|(_, distance)| distance))
         })
         .collect();
     median(&mut spacings)
