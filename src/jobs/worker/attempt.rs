@@ -117,7 +117,7 @@ impl<'a> Attempt<'a> {
         let checkpoint = self.insist.content(|| records.checkpoint(&job.id)).await;
         let checkpoint = checkpoint.map_err(|error| self.failure(&error))?;
         let assignment = Assignment {
-            file: file.path().to_owned(),
+            file: file.unnamed(),
             cloud,
             settings: job.settings.clone(),
             source: job.source.clone(),
@@ -136,7 +136,7 @@ impl<'a> Attempt<'a> {
                     let sink = Sink::new(sender, control, data, interval, desk);
                     let product = work(&assignment, &sink);
                     // One that was fetched is removed before its surface is encoded.
-                    drop(file);
+                    drop(assignment);
                     let product = product?;
                     Ok(Finished {
                         mesh: encode(&product.mesh).map_err(Failure::internal)?,

@@ -1,12 +1,10 @@
 //! The work on a job: reconstruction, or a substitute in tests.
 
-use std::fs;
 use std::io;
-use std::path::PathBuf;
 
 use serde_json::Value;
 
-use crate::jobs::{Cloud, FailureReason, Fault, NewMesh, Problem};
+use crate::jobs::{Cloud, FailureReason, Fault, LocalFile, NewMesh, Problem};
 use crate::reconstruction::medical::Choice;
 use crate::reconstruction::mesh::TriangleMesh;
 use crate::reconstruction::mesh::write::{Format, write};
@@ -16,12 +14,12 @@ use crate::reconstruction::{Error, Event, Input, Observer, Settings, cloud, reco
 pub type Work = dyn Fn(&Assignment, &dyn Observer) -> Result<Product, Failure> + Send + Sync;
 
 /// What a job works on.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Assignment {
     /// The cloud as its row has it.
     pub cloud: Cloud,
     /// The file with its bytes.
-    pub file: PathBuf,
+    pub file: LocalFile,
     /// Complete settings.
     pub settings: Settings,
     /// Which part of the file is meant, where it has several.
@@ -88,10 +86,9 @@ pub fn reconstruction(
     assignment: &Assignment,
     observer: &dyn Observer,
 ) -> Result<Product, Failure> {
-    let bytes = fs::read(&assignment.file).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => cloud_missing(),
-        _ => Failure::internal(format!("{}: {error}", assignment.file.display())),
-    })?;
+    let file = &assignment.file;
+    let unread = |error| Failure::internal(format!("{}: {error}", file.path().display()));
+    let bytes = file.read().map_err(unread)?;
     // The upload checked the file against the operator's limits.
     let limits = cloud::Limits {
         max_points: usize::MAX,

@@ -1,13 +1,16 @@
-//! What a worker writes about a job, and how it comes back.
+//! What a worker reads and writes about a job, and how it comes back.
+
+use std::fs;
 
 use meshway::jobs::store::CHUNK_BYTES;
-use meshway::jobs::{Error, NewEvent, NewMesh, Record};
+use meshway::jobs::{Error, NewCloud, NewEvent, NewMesh, Record};
 use meshway::reconstruction::Warning;
 use meshway::reconstruction::training::{GradientHistogram, LayerHistogram, Metrics};
+use sha2::{Digest, Sha256};
 
 use crate::place::{Place, in_both_places};
 use crate::server::{PATIENCE, until};
-use super::support::{Bench, success};
+use super::support::{Bench, new_cloud, success};
 
 fn metrics(evaluation: u64) -> Metrics {
     Metrics {
@@ -115,6 +118,32 @@ async fn an_attempt_starts_again_from_the_checkpoint(place: Place) {
         (checkpoint.evaluation, checkpoint.attempt, checkpoint.data),
         (3, 1, vec![3])
     );
+}
+
+async fn a_cloud_that_was_found_is_read_whatever_becomes_of_its_file(place: Place) {
+    let bench = Bench::at(place).await;
+    let points = b"0 0 1\n0 1 0\n1 0 0\n";
+    let new = NewCloud {
+        bytes: points.len() as u64,
+        ..new_cloud(&hex::encode(Sha256::digest(points)))
+    };
+    let path = bench.store.cloud_path(&new.sha256);
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(&path, points).unwrap();
+    let (cloud, _) = if bench.store.keeps_files() {
+        bench.acts().insert_cloud(new).await.unwrap()
+    } else {
+        bench.acts().upload_cloud(new, &path).await.unwrap()
+    };
+    let file = bench.store.cloud_file(&cloud).await.unwrap().unwrap();
+    fs::remove_file(file.path()).unwrap();
+    assert_eq!(file.read().unwrap(), points);
+    let found = bench.store.cloud_file(&cloud).await.unwrap();
+    assert_eq!(found.is_none(), bench.store.keeps_files());
+    let Some(file) = found else { return };
+    let file = file.unnamed();
+    assert!(!file.path().exists(), "a killed process would leave it");
+    assert_eq!(file.read().unwrap(), points);
 }
 
 async fn meshes_come_back_whole_and_in_parts(place: Place) {

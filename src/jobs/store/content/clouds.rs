@@ -1,6 +1,7 @@
 //! Files of clouds: in the folder `clouds/`, or with an object store an object each.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
@@ -14,18 +15,39 @@ use crate::folder::{CLOUDS, UPLOADS, in_folder};
 use crate::jobs::store::Store;
 use crate::jobs::{Cloud, Error, Result};
 
-/// A file with the bytes of a cloud, for as long as this is held.
+/// An open file with the bytes of a cloud, for as long as this is held.
 #[derive(Debug)]
 pub struct LocalFile {
+    file: File,
     path: PathBuf,
     /// Removes what was fetched.
-    _fetched: Option<TempPath>,
+    fetched: Option<TempPath>,
 }
 
 impl LocalFile {
-    /// Where it is.
+    /// The same without the name of what was fetched: if this process is killed nothing of it stays, and
+    /// whoever clears the folder then does not take it away from a child that is still at work.
+    #[must_use]
+    pub fn unnamed(mut self) -> Self {
+        self.fetched = None;
+        self
+    }
+
+    /// Where it is, while it has its name.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// All of its bytes, with or without a name.
+    ///
+    /// # Errors
+    /// Those of reading.
+    pub fn read(&self) -> std::io::Result<Vec<u8>> {
+        let mut file = &self.file;
+        file.seek(SeekFrom::Start(0))?;
+        let mut bytes = Vec::with_capacity(file.metadata()?.len() as usize);
+        file.read_to_end(&mut bytes)?;
+        Ok(bytes)
     }
 }
 
@@ -44,17 +66,20 @@ impl Store {
     /// if they are not there.
     ///
     /// # Errors
-    /// `ContentUnavailable` without the object store; `Full` if there is no room; `Inconsistent` if
-    /// the bytes are others.
+    /// `ContentUnavailable` without the object store; `Full` if there is no room, or the folder cannot be
+    /// read; `Inconsistent` if the bytes are others.
     pub async fn cloud_file(&self, cloud: &Cloud) -> Result<Option<LocalFile>> {
         let Some(key) = &cloud.object else {
             let path = self.cloud_path(&cloud.sha256);
-            let there = tokio::fs::try_exists(&path).await.unwrap_or(false);
-            let file = LocalFile {
-                path,
-                _fetched: None,
+            return match tokio::fs::File::open(&path).await {
+                Ok(file) => Ok(Some(LocalFile {
+                    file: file.into_std().await,
+                    path,
+                    fetched: None,
+                })),
+                Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+                Err(error) => Err(Error::Full(format!("{}: {error}", path.display()))),
             };
-            return Ok(there.then_some(file));
         };
         let object = Kept {
             key: key.clone(),
@@ -70,10 +95,11 @@ impl Store {
                 detail: format!("the bytes of {} are not those that were sent", cloud.id),
             });
         }
-        let fetched = file.into_temp_path();
+        let (file, fetched) = file.into_parts();
         Ok(Some(LocalFile {
+            file,
             path: fetched.to_path_buf(),
-            _fetched: Some(fetched),
+            fetched: Some(fetched),
         }))
     }
 

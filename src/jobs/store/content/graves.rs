@@ -78,15 +78,14 @@ impl Burial {
     async fn once(&self) -> Result<()> {
         loop {
             let select = "SELECT key FROM graves ORDER BY key LIMIT ?1";
-            let keys: Vec<String> = scalar(select)
-                .bind(AT_ONCE as i64)
-                .fetch_all(&self.readers)
-                .await?;
+            // A row that the server's disk still has must find its bytes: nothing is removed before it has the
+            // grave.
+            let graves = query(select).bind(AT_ONCE as i64);
+            let graves = graves.fetch_settled(&self.readers).await?;
+            let keys: Vec<String> = graves.iter().map(|row| row.at(0)).collect::<Result<_>>()?;
             if keys.is_empty() {
                 break;
             }
-            // Rows that came back must find their bytes.
-            self.readers.settle().await?;
             self.objects.remove(&keys).await?;
             self.objects.vacuum().await?;
             let close = self.writer.write(move |mut tx| {

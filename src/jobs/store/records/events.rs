@@ -1,8 +1,9 @@
-//! Events: what happened to each job, in order.
+//! Events: what happened to each job, in order. Those that are read are on the disk of the server: a client
+//! that has seen one does not see its number again.
 
 use super::row::{Columns, to_json};
 use crate::jobs::store::Transaction;
-use crate::jobs::store::sql::{Readers, Row, query, scalar};
+use crate::jobs::store::sql::{Row, query, scalar};
 use crate::jobs::store::{Records, Store};
 use crate::jobs::{BatchId, Event, EventKind, JobId, NewEvent, Result};
 
@@ -16,9 +17,9 @@ impl Records<'_> {
             .bind(self.tenant.as_str())
             .bind(after)
             .bind(limit)
-            .fetch_all(self.readers())
+            .fetch_settled(self.readers())
             .await?;
-        let events = settled(self.readers(), &rows).await?;
+        let events = events_of(&rows)?;
         // Ids have no gap: where the next one is not here, the job may be archived.
         if events.first().is_some_and(|event| event.id == after + 1) {
             return Ok(events);
@@ -39,9 +40,9 @@ impl Records<'_> {
             .bind(self.tenant.as_str())
             .bind(seq)
             .bind(limit)
-            .fetch_all(self.readers())
+            .fetch_settled(self.readers())
             .await?;
-        let events = settled(self.readers(), &rows).await?;
+        let events = events_of(&rows)?;
         let histories = "SELECT * FROM histories
                          WHERE tenant = ?1 AND last_seq > ?2 AND ?3 = ''
                          ORDER BY first_seq LIMIT ?4";
@@ -65,9 +66,9 @@ impl Records<'_> {
             .bind(seq)
             .bind(id.as_str())
             .bind(limit)
-            .fetch_all(self.readers())
+            .fetch_settled(self.readers())
             .await?;
-        let events = settled(self.readers(), &rows).await?;
+        let events = events_of(&rows)?;
         let histories = "SELECT histories.* FROM histories JOIN jobs ON jobs.id = job_id
                          WHERE histories.tenant = ?1 AND last_seq > ?2 AND batch_id = ?3
                          ORDER BY first_seq LIMIT ?4";
@@ -95,9 +96,9 @@ impl Store {
         let rows = query("SELECT * FROM events WHERE seq > ?1 ORDER BY seq LIMIT ?2")
             .bind(seq)
             .bind(limit)
-            .fetch_all(self.readers())
+            .fetch_settled(self.readers())
             .await?;
-        settled(self.readers(), &rows).await
+        events_of(&rows)
     }
 
     /// Place of the newest event of all; 0 when there is none.
@@ -151,11 +152,7 @@ impl Transaction<'_> {
     }
 }
 
-/// Events that stay: a client that has seen one does not see its number again.
-async fn settled(readers: &Readers, rows: &[Row]) -> Result<Vec<Event>> {
-    if !rows.is_empty() {
-        readers.settle().await?;
-    }
+fn events_of(rows: &[Row]) -> Result<Vec<Event>> {
     rows.iter().map(event_of).collect()
 }
 

@@ -76,18 +76,6 @@ impl Readers {
         })
     }
 
-    /// Waits until the server's disk has all that was read. `SQLite` shows nothing before.
-    pub(in crate::jobs::store) async fn settle(&self) -> Result<()> {
-        let Self::Postgres(pool, _) = self else {
-            return Ok(());
-        };
-        in_time(async {
-            sqlx::raw_sql(FLUSH).execute(pool).await?;
-            Ok(())
-        })
-        .await
-    }
-
     /// Closes all connections; later statements get `Closed`.
     pub(in crate::jobs::store) async fn close(&self) {
         match self {

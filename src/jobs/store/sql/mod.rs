@@ -13,7 +13,7 @@ mod value;
 
 use sqlx::postgres::{PgArguments, PgConnection, PgPool, Postgres};
 use sqlx::sqlite::SqliteArguments;
-use sqlx::{Arguments, Connection, Database, Executor, IntoArguments, SqlStr};
+use sqlx::{Arguments, Connection, Database, Executor, IntoArguments, SqlSafeStr, SqlStr};
 
 pub(in crate::jobs::store) use db::{Db, FLUSH, On, Protocol, Readers, in_time};
 pub(in crate::jobs::store) use row::{Column, Row};
@@ -87,7 +87,7 @@ impl<'q> Query<'q> {
                     .count
             }
             On::PostgresPool(pool, Prepared) => {
-                in_time(Box::pin(self.again(pool, Wanted::Count)))
+                in_time(Box::pin(self.pooled(pool, Wanted::Count)))
                     .await?
                     .count
             }
@@ -109,11 +109,46 @@ impl<'q> Query<'q> {
                 Ok(in_time(Box::pin(self.afresh(db, Wanted::All))).await?.rows)
             }
             On::PostgresPool(pool, Prepared) => {
-                Ok(in_time(Box::pin(self.again(pool, Wanted::All))).await?.rows)
+                Ok(in_time(Box::pin(self.pooled(pool, Wanted::All)))
+                    .await?
+                    .rows)
             }
             On::Postgres(db, Whole) => in_time(Box::pin(rows(self.whole(), db))).await,
             On::PostgresPool(pool, Whole) => in_time(Box::pin(rows(self.whole(), pool))).await,
         }
+    }
+
+    /// The rows, once the server's disk has all that they show: they are seen again after whatever happens
+    /// to it. `SQLite` shows nothing before.
+    pub(in crate::jobs::store) async fn fetch_settled(self, readers: &Readers) -> Result<Vec<Row>> {
+        let (pool, protocol) = match readers {
+            Readers::Sqlite(_) => return self.fetch_all(readers).await,
+            Readers::Postgres(pool, protocol) => (pool, protocol),
+        };
+        // In one session: a server that started again meanwhile may have lost what was read, and then
+        // its disk has nothing to do with it.
+        in_time(Box::pin(async {
+            match protocol {
+                Protocol::Prepared => {
+                    let mut db = pool.acquire().await?;
+                    let found = self.again(&mut db, Wanted::All).await?.rows;
+                    if !found.is_empty() {
+                        run(FLUSH.into_sql_str(), &mut *db).await?;
+                    }
+                    Ok(found)
+                }
+                Protocol::Whole => {
+                    let mut transaction = pool.begin().await?;
+                    let found = rows(self.whole(), &mut *transaction).await?;
+                    if !found.is_empty() {
+                        run(FLUSH.into_sql_str(), &mut *transaction).await?;
+                    }
+                    transaction.commit().await?;
+                    Ok(found)
+                }
+            }
+        }))
+        .await
     }
 
     pub(in crate::jobs::store) async fn fetch_optional<'e>(
@@ -129,7 +164,7 @@ impl<'q> Query<'q> {
                 Ok(found.rows.into_iter().next())
             }
             On::PostgresPool(pool, Prepared) => {
-                let found = in_time(Box::pin(self.again(pool, Wanted::First))).await?;
+                let found = in_time(Box::pin(self.pooled(pool, Wanted::First))).await?;
                 Ok(found.rows.into_iter().next())
             }
             On::Postgres(db, Whole) => in_time(Box::pin(row(self.whole(), db))).await,
@@ -176,15 +211,19 @@ impl<'q> Query<'q> {
     }
 
     /// The same outside of a transaction: it is asked once more.
-    async fn again(&self, pool: &PgPool, wanted: Wanted) -> Result<Answer> {
-        let mut db = pool.acquire().await?;
-        match self.on_postgres(&mut db, wanted).await {
+    async fn again(&self, db: &mut PgConnection, wanted: Wanted) -> Result<Answer> {
+        match self.on_postgres(db, wanted).await {
             Err(error) if is_outdated(&error) => {
                 db.clear_cached_statements().await?;
-                self.on_postgres(&mut db, wanted).await
+                self.on_postgres(db, wanted).await
             }
             result => result,
         }
+    }
+
+    /// The same on a connection of a pool.
+    async fn pooled(&self, pool: &PgPool, wanted: Wanted) -> Result<Answer> {
+        self.again(&mut *pool.acquire().await?, wanted).await
     }
 
     async fn on_postgres(&self, db: &mut PgConnection, wanted: Wanted) -> Result<Answer> {
