@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 
 use crate::cluster::{Cluster, Node};
 use crate::http::support::sphere_xyz;
+use crate::proxy::{Proxy, Way};
 use crate::server::{PATIENCE, PROGRAM, until};
 use crate::wire::Connection;
 
@@ -271,6 +272,41 @@ async fn the_job_of_a_machine_that_dies_goes_on_elsewhere() {
     assert_eq!(
         (&end["status"], &end["attempt"]),
         (&json!("succeeded"), &json!(2)),
+        "{end}\n{}",
+        second.server.log()
+    );
+}
+
+#[tokio::test]
+async fn a_worker_that_starts_again_takes_no_cloud_from_the_one_before() {
+    let Some(cluster) = Cluster::new().await else {
+        return;
+    };
+    let node = cluster.serve("one", &["--workers=0"]).await;
+    let cloud = node.upload().await;
+    let way = Proxy::to(&cluster.bucket.url).await;
+    let stalled = cluster.by(None, Some(&way));
+    let first = stalled.worker("worker", &[]).await;
+    way.set(Way::Stalled);
+    let job = node.submit(&cloud).await;
+    let fetched = stalled.folder(&first).join("tmp");
+    until("the cloud is on its way", PATIENCE, async || {
+        let mut files = fs::read_dir(&fetched).ok()?;
+        files.next().map(drop)
+    })
+    .await;
+    // Its child is still there, and finds the cloud after the next worker has cleared the folder.
+    kill_process(first.server.pid(), Signal::KILL).unwrap();
+    let again = Cluster {
+        bucket: cluster.bucket.clone(),
+        ..stalled
+    };
+    let second = again.worker_in("worker", "worker-again", &[]).await;
+    way.set(Way::Open);
+    let end = ended(&node, &job).await;
+    assert_eq!(
+        (&end["status"], &end["failures"]),
+        (&json!("succeeded"), &json!(0)),
         "{end}\n{}",
         second.server.log()
     );
