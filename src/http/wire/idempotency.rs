@@ -159,7 +159,7 @@ impl Attempt {
     /// For [`crate::jobs::store::Acts::submit`] and its like, which keep the answer with what is made.
     pub(in crate::http) fn with<T>(
         &self,
-        respond: impl FnOnce(&T) -> StoredResponse + Send + 'static,
+        respond: impl Fn(&T) -> StoredResponse + Send + Sync + 'static,
     ) -> Option<Idempotency<T>> {
         let open = self.0.as_ref()?;
         Some(Idempotency {

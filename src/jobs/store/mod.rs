@@ -72,6 +72,7 @@ use content::objects::Objects;
 use engine::{Transaction, Writer};
 use options::{LOCAL, REMOTE};
 use postgres::notice::Notices;
+use records::submits::Submits;
 use sql::Readers;
 use sqlite::shredder::Shredder;
 
@@ -103,6 +104,7 @@ struct Inner {
     folder: PathBuf,
     changed: watch::Sender<u64>,
     options: Arc<Options>,
+    submits: Submits,
 }
 
 impl Store {

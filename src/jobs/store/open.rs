@@ -15,6 +15,7 @@ use super::content::{lift, place};
 use super::engine::{Engine, Writer};
 use super::postgres::notice::Notices;
 use super::postgres::{Access, ServerClock, Session};
+use super::records::submits::Submits;
 use super::sql::{Db, Readers, scalar};
 use super::sqlite::shredder::Shredder;
 use super::sqlite::writer::ready;
@@ -142,6 +143,7 @@ impl Store {
                 burial,
                 changed,
                 options,
+                submits: Submits::default(),
             }),
         }
     }

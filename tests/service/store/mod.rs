@@ -34,6 +34,8 @@ macro_rules! suite {
             mod objects;
             #[path = "../shares.rs"]
             mod shares;
+            #[path = "../submits.rs"]
+            mod submits;
             #[path = "../support.rs"]
             pub(crate) mod support;
             #[path = "../tenants.rs"]

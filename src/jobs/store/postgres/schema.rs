@@ -29,6 +29,10 @@ const MIGRATIONS: &Migrations = &[
         "shares",
         include_str!("../../../../migrations/postgres/0004_shares.sql"),
     ),
+    (
+        "counted together",
+        include_str!("../../../../migrations/postgres/0005_counted_together.sql"),
+    ),
 ];
 
 /// The driver's own table of migrations, which its other tools know.

@@ -27,13 +27,14 @@ impl Acts<'_> {
                 Box::pin(async move {
                     let id = BatchId::new();
                     tx.insert_batch(&id, jobs.len() as u64, &caller).await?;
-                    for new in &jobs {
-                        let job = tx.insert_job(new, &caller, Some(&id)).await?;
-                        tx.witness(&caller, Act::JobCreate, job.id.as_str()).await?;
+                    let wanted: Vec<_> = jobs.iter().map(|new| (new, &caller)).collect();
+                    for job in tx.insert_jobs(&wanted, Some(&id)).await? {
+                        tx.witness(&caller, Act::JobCreate, job?.id.as_str())
+                            .await?;
                     }
                     if let Some(idempotency) = idempotency {
                         let subject = Subject::Batch(id.clone());
-                        tx.keep_answer(idempotency, (&id, subject), &caller.tenant)
+                        tx.keep_answer(&idempotency, (&id, subject), &caller.tenant)
                             .await?;
                     }
                     Ok(id)

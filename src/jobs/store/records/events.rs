@@ -3,9 +3,9 @@
 
 use super::row::{Columns, to_json};
 use crate::jobs::store::Transaction;
-use crate::jobs::store::sql::{Row, query, scalar};
+use crate::jobs::store::sql::{Row, either, many, query, scalar};
 use crate::jobs::store::{Records, Store};
-use crate::jobs::{BatchId, Event, EventKind, JobId, NewEvent, Result};
+use crate::jobs::{BatchId, Event, EventKind, Job, JobId, NewEvent, Result};
 
 impl Records<'_> {
     /// Events of a job after the given id, oldest first.
@@ -126,6 +126,33 @@ impl Transaction<'_> {
         let (number, attempt) = (row.at(0)?, row.at(1)?);
         self.insert_event((id, row.at(2)?), (number, attempt), event)
             .await
+    }
+
+    /// Writes the first event of each of these jobs, which nobody but their readers is told of.
+    pub(in crate::jobs::store) async fn insert_first_events(
+        &mut self,
+        events: &[(&Job, NewEvent)],
+    ) -> Result<()> {
+        let insert = either(
+            "INSERT INTO events (id, job_id, event, time, attempt, data, tenant)
+             VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6)",
+            "INSERT INTO events (id, job_id, event, time, attempt, data, tenant)
+             SELECT 1, * FROM unnest(CAST(?1 AS TEXT[]), CAST(?2 AS TEXT[]), CAST(?3 AS BIGINT[]),
+                 CAST(?4 AS BIGINT[]), CAST(?5 AS TEXT[]), CAST(?6 AS TEXT[]))",
+        );
+        let mut inserted = many(insert);
+        for (job, event) in events {
+            inserted.row([
+                job.id.as_str().into(),
+                event.kind().name().into(),
+                self.now.into(),
+                job.attempt.into(),
+                to_json(event).into(),
+                job.tenant.as_str().into(),
+            ]);
+        }
+        inserted.fetch_all(&mut self.db).await?;
+        Ok(())
     }
 
     /// Writes an event whose number is counted already, of a job of this tenant in this attempt.

@@ -18,8 +18,8 @@ pub struct Idempotency<T = Job> {
     pub key: String,
     /// Method and route.
     pub scope: String,
-    /// Writes the answer; called once, in the transaction of what is made.
-    pub respond: Box<dyn FnOnce(&T) -> StoredResponse + Send>,
+    /// Writes the answer; called in the transaction of what is made, and again if that is done again.
+    pub respond: Box<dyn Fn(&T) -> StoredResponse + Send + Sync>,
 }
 
 /// An answer as it is given again.
@@ -236,12 +236,12 @@ impl Transaction<'_> {
     /// Keeps the answer to the submission of what was made for the tenant.
     pub(in crate::jobs::store) async fn keep_answer<T>(
         &mut self,
-        asked: Idempotency<T>,
+        asked: &Idempotency<T>,
         (made, subject): (&T, Subject),
         tenant: &Tenant,
     ) -> Result<()> {
         let response = (asked.respond)(made);
-        let begun = (tenant.clone(), asked.key, asked.scope);
+        let begun = (tenant.clone(), asked.key.clone(), asked.scope.clone());
         self.complete(&begun, Some(subject), response).await
     }
 

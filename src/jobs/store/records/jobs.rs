@@ -1,19 +1,16 @@
-//! Jobs as clients see them: submitted, found, listed, cancelled, erased.
+//! Jobs as clients see them: found, listed, cancelled.
 
 use super::act::Act;
-use super::idempotency::{Idempotency, Subject};
 use super::outcome::{Fence, Outcome};
-use super::queue::cost_ms;
 use super::retention::keep_of;
-use super::row::{Columns, to_json};
+use super::row::Columns;
 use super::tombstones;
 use crate::identity::{Caller, Tenant};
 use crate::jobs::store::Transaction;
 use crate::jobs::store::sql::{On, Row, query, scalar};
 use crate::jobs::store::{Acts, Records, Store};
 use crate::jobs::{
-    BatchId, CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, NewEvent, NewJob, Result,
-    Status, Verdict,
+    BatchId, CloudId, Counts, Error, Job, JobFilter, JobId, Lookup, Result, Status, Verdict,
 };
 
 /// A page of jobs by the filters, in the order of `$id`. `$from` is found by an index, whatever else is asked:
@@ -67,29 +64,6 @@ fn listed(filter: &JobFilter) -> &'static str {
 }
 
 impl Acts<'_> {
-    /// Puts a job into the queue, writes its `job.queued` event and, under the client's key, the
-    /// answer; all in one transaction. An answer means that the job is on disk.
-    ///
-    /// # Errors
-    /// `QueueFull`, `CloudMissing`, `Quota`.
-    pub async fn submit(self, new: NewJob, idempotency: Option<Idempotency>) -> Result<Job> {
-        let caller = self.caller.clone();
-        self.store
-            .write(move |mut tx| {
-                Box::pin(async move {
-                    let job = tx.insert_job(&new, &caller, None).await?;
-                    tx.witness(&caller, Act::JobCreate, job.id.as_str()).await?;
-                    if let Some(idempotency) = idempotency {
-                        let subject = Subject::Job(job.id.clone());
-                        tx.keep_answer(idempotency, (&job, subject), &caller.tenant)
-                            .await?;
-                    }
-                    Ok(job)
-                })
-            })
-            .await
-    }
-
     /// Asks a job to end: a waiting one is cancelled at once, a running one is marked for its
     /// worker, one that has ended stays as it is. The answer is the job afterwards.
     pub async fn request_cancel(self, id: &JobId) -> Result<Lookup> {
@@ -196,78 +170,6 @@ impl Transaction<'_> {
             self.leave(Fence::of(&job), Outcome::Cancelled).await?;
         }
         Ok(Lookup::Found(Box::new(self.load_job(id).await?)))
-    }
-
-    /// Puts a job into the queue, of a batch or alone.
-    pub(in crate::jobs::store) async fn insert_job(
-        &mut self,
-        new: &NewJob,
-        caller: &Caller,
-        batch: Option<&BatchId>,
-    ) -> Result<Job> {
-        let row = query(
-            "SELECT EXISTS (SELECT 1 FROM clouds WHERE id = ?1 AND tenant = ?2),
-                 CAST(COALESCE(SUM(jobs), 0) AS BIGINT)
-             FROM waiting",
-        )
-        .bind(new.cloud_id.as_str())
-        .bind(caller.tenant.as_str())
-        .fetch_one(&mut self.db)
-        .await?;
-        let (known, waiting): (bool, i64) = (row.at(0)?, row.at(1)?);
-        if !known {
-            return Err(Error::CloudMissing(new.cloud_id.clone()));
-        }
-        let limit = self.options.queue_limit;
-        if waiting as u64 >= limit {
-            return Err(Error::QueueFull { limit });
-        }
-        self.check_job(caller).await?;
-        let id = JobId::new();
-        // The first event is counted with it.
-        let row = query(
-            "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, derived_from,
-                 created_at, source, tenant, priority, cost_ms, account, keep_ms, once,
-                 batch_id, events)
-             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, 1)
-             RETURNING *",
-        )
-        .bind(id.as_str())
-        .bind(new.cloud_id.as_str())
-        .bind(new.preset.name())
-        .bind(to_json(&new.settings))
-        .bind(to_json(&new.labels))
-        .bind(new.derived_from.as_ref().map(JobId::as_str))
-        .bind(self.now)
-        .bind(new.source.as_ref().map(to_json))
-        .bind(caller.tenant.as_str())
-        .bind(new.priority)
-        .bind(cost_ms(new.cost_seconds))
-        .bind(caller.account().into_owned())
-        .bind(new.keep.ms)
-        .bind(new.keep.once)
-        .bind(batch.map(BatchId::as_str))
-        .fetch_one(&mut self.db)
-        .await?;
-        let job = job_of(&row)?;
-        for (key, value) in &new.labels {
-            let insert =
-                "INSERT INTO job_labels (tenant, key, value, job_id) VALUES (?1, ?2, ?3, ?4)";
-            query(insert)
-                .bind(caller.tenant.as_str())
-                .bind(key)
-                .bind(value)
-                .bind(id.as_str())
-                .execute(&mut self.db)
-                .await?;
-        }
-        let queued = NewEvent::Queued {
-            position: self.queue_position(&id).await?,
-            reason: None,
-        };
-        let of = (&id, caller.tenant.as_str());
-        self.insert_event(of, (1, job.attempt), &queued).await?;
-        Ok(job)
     }
 
     /// A job that is known to be here.

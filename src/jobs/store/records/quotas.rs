@@ -13,13 +13,24 @@ use crate::jobs::{Error, Result};
 const WHEN_JOBS_END: u32 = 10;
 const WHEN_SPACE_IS_MADE: u32 = 60;
 
+/// What is counted before a job is taken.
+const OF_A_JOB: [Measure; 3] = [Measure::Queued, Measure::Compute, Measure::Stored];
+
+/// Whether any quota tells how many jobs the caller may submit.
+pub(in crate::jobs::store) fn limits_jobs(caller: &Caller) -> bool {
+    let mut policies = OF_A_JOB
+        .into_iter()
+        .flat_map(|measure| caller.allowance.policies(measure));
+    policies.next().is_some()
+}
+
 impl Transaction<'_> {
     /// Whether the caller may put another job into the queue.
     ///
     /// # Errors
     /// `Quota`.
     pub(in crate::jobs::store) async fn check_job(&mut self, caller: &Caller) -> Result<()> {
-        for measure in [Measure::Queued, Measure::Compute, Measure::Stored] {
+        for measure in OF_A_JOB {
             self.check_quota(caller, measure, 1).await?;
         }
         Ok(())

@@ -7,6 +7,7 @@
 //! (`migrations/postgres`). The few statements that cannot be one text are two: [`either`].
 
 mod db;
+mod many;
 mod row;
 mod text;
 mod value;
@@ -16,6 +17,7 @@ use sqlx::sqlite::SqliteArguments;
 use sqlx::{Arguments, Connection, Database, Executor, IntoArguments, SqlSafeStr, SqlStr};
 
 pub(in crate::jobs::store) use db::{Db, FLUSH, On, Protocol, Readers, in_time};
+pub(in crate::jobs::store) use many::many;
 pub(in crate::jobs::store) use row::{Column, Row};
 pub(in crate::jobs::store) use text::{Text, either};
 pub(in crate::jobs::store) use value::{NO_NUL, Value};

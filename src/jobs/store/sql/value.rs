@@ -59,6 +59,21 @@ impl<'q> Value<'q> {
         }
     }
 
+    /// The same as an element of the text of an array.
+    pub(super) fn element(&self) -> String {
+        match self {
+            Self::Text(Some(text)) => {
+                format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+            }
+            Self::Integer(Some(number)) => number.to_string(),
+            Self::Real(Some(number)) if !number.is_nan() => format!("{number:e}"),
+            Self::Bytes(Some(bytes)) => format!("\"\\\\x{}\"", hex::encode(bytes)),
+            Self::Text(None) | Self::Integer(None) | Self::Real(_) | Self::Bytes(None) => {
+                "NULL".to_owned()
+            }
+        }
+    }
+
     pub(super) fn add_to<A>(self, arguments: &mut A) -> Result<()>
     where
         A: Arguments,
