@@ -7,7 +7,7 @@ use crate::reconstruction::settings::Evaluation;
 use crate::reconstruction::vector::Bounds;
 
 /// Grid step over the spacing of the points where blocks show their detail.
-const BLOCK_STEP: f64 = 0.9;
+pub(super) const BLOCK_STEP: f64 = 0.9;
 
 /// Grid points across a ball that are enough for what a fit shows of it, over the square root of the spacings of the
 /// points across it. What the fit leaves falls faster than the spacing, and what the grid leaves with the square of

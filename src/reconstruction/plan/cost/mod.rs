@@ -6,6 +6,7 @@
 
 use serde::Serialize;
 
+use super::grid::{BLOCK_STEP, Extent};
 use super::{BlockPlan, Findings, Plan};
 use crate::reconstruction::cloud::Counts;
 use crate::reconstruction::mesh::INDEXED_TRIANGLES;
@@ -172,7 +173,7 @@ impl Plan<'_> {
         let places = blocks.map_or(0.0, |_| self.block_samples() * BYTES_PER_PLACE);
         let training_bytes = self.engine_bytes(threads) + pairs_bytes + places as u64;
         let points = self.findings.points as u64;
-        let triangles = TRIANGLES_PER_CELL * self.cells(blocks.is_some());
+        let triangles = self.triangles();
         let mesh_bytes = BYTES_PER_TRIANGLE * triangles
             + BYTES_PER_INDEXED_TRIANGLE * triangles.min(INDEXED_TRIANGLES as f64);
         Cost {
@@ -256,9 +257,23 @@ impl Plan<'_> {
     /// Cells of the grid that the surface of a ball goes through.
     fn cells(&self, blocks: bool) -> f64 {
         let extent = self.findings.extent(self.settings, blocks);
-        let resolution = self.resolution(&extent, blocks) as f64;
-        let step = extent.bounds.longest_edge() / resolution;
-        extent.area.unwrap_or_default() / (step * step)
+        extent.area.unwrap_or_default() / self.step(&extent, blocks).powi(2)
+    }
+
+    /// Triangles of the surface of a ball. Blocks have them split where the grid has its largest size, until they
+    /// are as many as with a finer one.
+    fn triangles(&self) -> f64 {
+        let blocks = self.blocks.is_some();
+        let extent = self.findings.extent(self.settings, blocks);
+        let mut step = self.step(&extent, blocks);
+        if blocks {
+            step = step.min(BLOCK_STEP * extent.spacing);
+        }
+        TRIANGLES_PER_CELL * extent.area.unwrap_or_default() / step.powi(2)
+    }
+
+    fn step(&self, extent: &Extent, blocks: bool) -> f64 {
+        extent.bounds.longest_edge() / self.resolution(extent, blocks) as f64
     }
 
     /// Seconds for a sample of a loss with its gradient.
