@@ -24,6 +24,7 @@ pub(in crate::jobs::store) mod retention;
 pub(in crate::jobs::store) mod row;
 pub(in crate::jobs::store) mod sessions;
 pub(in crate::jobs::store) mod shares;
+mod stands;
 pub(in crate::jobs::store) mod submits;
 pub(in crate::jobs::store) mod tombstones;
 pub(in crate::jobs::store) mod uploads;

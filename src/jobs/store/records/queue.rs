@@ -4,17 +4,16 @@
 //! is the one definition of the order (migrations 0011, 0017 and 0018 have the rule). What is claimed moves its tenant
 //! on by its cost. Within a tenant a higher priority goes first, then what was submitted first.
 
-use std::collections::{BTreeMap, HashMap};
-
-use serde_json::json;
+use std::collections::HashMap;
 
 use super::outcome::Fence;
-use super::row::{Columns, integer, to_json};
+use super::row::{Columns, integer};
+use super::stands::stands;
 use crate::identity::Tenant;
 use crate::jobs::store::Transaction;
-use crate::jobs::store::sql::{Db, On, Row, either, query, scalar};
+use crate::jobs::store::sql::{On, Row, query, scalar};
 use crate::jobs::store::{Records, Store};
-use crate::jobs::{Job, JobId, Place, Result};
+use crate::jobs::{JobId, Place, Result};
 
 /// Days that worked time is kept.
 const COMPUTE_DAYS: i64 = 40;
@@ -214,156 +213,6 @@ impl Transaction<'_> {
         .await?;
         Ok(())
     }
-
-    /// Number of a waiting job in the queue, 1 for the next one.
-    pub(in crate::jobs::store) async fn queue_position(
-        &mut self,
-        id: &JobId,
-    ) -> Result<Option<u64>> {
-        let stand = stands(&mut self.db, &[id]).await?.remove(id);
-        Ok(stand.map(|stand| stand.position))
-    }
-
-    /// The same of jobs that were written just now, oldest first.
-    pub(in crate::jobs::store) async fn positions_of_new(
-        &mut self,
-        jobs: &[&Job],
-    ) -> Result<HashMap<JobId, u64>> {
-        // Each stands right before the next one of its tenant and priority, where no other tenant has jobs
-        // that come in between.
-        let mut rows: BTreeMap<_, Vec<&JobId>> = BTreeMap::new();
-        for job in jobs {
-            let row = rows.entry((job.tenant.as_str(), job.priority));
-            row.or_default().push(&job.id);
-        }
-        let last: Vec<&JobId> = rows
-            .values()
-            .filter_map(|row| row.last().copied())
-            .collect();
-        let mut stands_known = stands(&mut self.db, &last).await?;
-        if stands_known.values().any(|stand| stand.others) {
-            let all: Vec<&JobId> = jobs.iter().map(|job| &job.id).collect();
-            stands_known = stands(&mut self.db, &all).await?;
-        }
-        let mut positions = HashMap::new();
-        for row in rows.values() {
-            let last = row.last().and_then(|id| stands_known.get(*id));
-            for (behind, id) in (0..).zip(row.iter().rev()) {
-                let own = stands_known.get(*id).map(|stand| stand.position);
-                let position = own.or_else(|| last?.position.checked_sub(behind));
-                positions.extend(position.map(|position| ((*id).clone(), position)));
-            }
-        }
-        Ok(positions)
-    }
-}
-
-/// Where a waiting job stands.
-#[derive(Debug, Clone, Copy)]
-struct Stand {
-    /// Its number in the queue.
-    position: u64,
-    /// The estimated work up to its end.
-    upto_ms: u64,
-    /// The estimated work that it is.
-    cost_ms: u64,
-    /// Whether jobs of other tenants wait, too.
-    others: bool,
-}
-
-/// Where the waiting ones of the jobs stand whose ids are as `$asked` says.
-macro_rules! standing {
-    ($asked:literal) => {
-        concat!(
-            "SELECT id, tenant, created_at, cost_ms, jobs - jobs_behind AS position,
-                upto_ms - ms_behind AS upto_ms, served + upto_ms - ms_behind - cost_ms AS turn, others
-         FROM (SELECT own.id, own.tenant, own.created_at, own.cost_ms,
-                   (SELECT CAST(SUM(waiting.jobs) AS BIGINT) FROM waiting
-                    WHERE waiting.tenant = own.tenant AND waiting.priority >= own.priority) AS jobs,
-                   (SELECT CAST(SUM(waiting.cost_ms) AS BIGINT) FROM waiting
-                    WHERE waiting.tenant = own.tenant AND waiting.priority >= own.priority) AS upto_ms,
-                   (SELECT COUNT(*) FROM jobs AS later INDEXED BY jobs_waiting
-                    WHERE later.status = 'queued' AND later.tenant = own.tenant
-                      AND later.priority = own.priority
-                      AND (later.created_at, later.id) > (own.created_at, own.id)) AS jobs_behind,
-                   (SELECT CAST(COALESCE(SUM(later.cost_ms), 0) AS BIGINT)
-                    FROM jobs AS later INDEXED BY jobs_waiting
-                    WHERE later.status = 'queued' AND later.tenant = own.tenant
-                      AND later.priority = own.priority
-                      AND (later.created_at, later.id) > (own.created_at, own.id)) AS ms_behind,
-                   MAX(COALESCE((SELECT served_ms FROM turns WHERE turns.tenant = own.tenant), 0),
-                       (SELECT turn FROM now_served)) AS served,
-                   EXISTS (SELECT 1 FROM waiting WHERE waiting.tenant <> own.tenant) AS others
-               FROM jobs AS own WHERE own.id ",
-            $asked,
-            " AND own.status = 'queued') AS found"
-        )
-    };
-}
-
-/// Where each of these jobs stands that waits.
-///
-/// A submit asks for this, so that it must not cost more the more jobs wait. What is before a job of
-/// its own tenant are the sums without the jobs behind it, of which a new one has none; and the jobs
-/// of others are looked at only where there are any.
-async fn stands(db: &mut Db<'_>, ids: &[&JobId]) -> Result<HashMap<JobId, Stand>> {
-    let asked: BTreeMap<usize, &JobId> = ids.iter().copied().enumerate().collect();
-    let rows = query(either(
-        standing!("IN (SELECT value FROM json_each(?1))"),
-        // As an array, of which Postgres knows that it is short.
-        standing!("= ANY (ARRAY(SELECT value FROM json_each(?1)))"),
-    ))
-    .bind(to_json(&asked))
-    .fetch_all(&mut *db)
-    .await?;
-    let (mut stands, mut among) = (HashMap::new(), BTreeMap::new());
-    for row in &rows {
-        let own = Columns::new("jobs", row);
-        let id: JobId = own.parsed("id")?;
-        let is_among_others = own.get("others")?;
-        if is_among_others {
-            let turn = json!({
-                "id": id,
-                "tenant": own.get::<&str>("tenant")?,
-                "created_at": own.get::<i64>("created_at")?,
-                "turn": own.get::<i64>("turn")?,
-            });
-            among.insert(among.len(), turn);
-        }
-        let stand = Stand {
-            position: own.count("position")?,
-            upto_ms: own.count("upto_ms")?,
-            cost_ms: own.count("cost_ms")?,
-            others: is_among_others,
-        };
-        stands.insert(id, stand);
-    }
-    if among.is_empty() {
-        return Ok(stands);
-    }
-    let others = query(
-        "WITH waiting_now AS MATERIALIZED (SELECT * FROM queue),
-              own AS MATERIALIZED
-                  (SELECT json_extract(value, '$.id') AS id, json_extract(value, '$.tenant') AS tenant,
-                          CAST(json_extract(value, '$.created_at') AS BIGINT) AS created_at,
-                          CAST(json_extract(value, '$.turn') AS BIGINT) AS turn
-                   FROM json_each(?1))
-         SELECT own.id, COUNT(*) AS position, CAST(SUM(other.cost_ms) AS BIGINT) AS upto_ms
-         FROM own JOIN waiting_now AS other ON other.tenant <> own.tenant
-              AND (other.turn, other.created_at, other.id) <= (own.turn, own.created_at, own.id)
-         GROUP BY own.id",
-    )
-    .bind(to_json(&among))
-    .fetch_all(db)
-    .await?;
-    for row in &others {
-        let others = Columns::new("jobs", row);
-        if let Some(stand) = stands.get_mut(&others.parsed("id")?) {
-            stand.position += others.count("position")?;
-            stand.upto_ms += others.count("upto_ms")?;
-        }
-    }
-    Ok(stands)
 }
 
 /// Estimated work that is left of the running jobs, in milliseconds.
