@@ -1,5 +1,6 @@
 //! From a row to typed values; what cannot be read names its table and column.
 
+use std::collections::BTreeMap;
 use std::str::FromStr;
 
 use serde::de::DeserializeOwned;
@@ -19,6 +20,24 @@ macro_rules! of_tenant {
     };
 }
 pub(in crate::jobs::store) use of_tenant;
+
+/// A statement about the few rows whose id is one of `?1`, as [`ids`] writes them.
+macro_rules! of_ids {
+    ($before:literal $(, $rest:literal)?) => {
+        crate::jobs::store::sql::either(
+            concat!($before, " IN (SELECT value FROM json_each(?1))" $(, $rest)?),
+            // As an array, of which Postgres knows that it is short.
+            concat!($before, " = ANY (ARRAY(SELECT value FROM json_each(?1)))" $(, $rest)?),
+        )
+    };
+}
+pub(in crate::jobs::store) use of_ids;
+
+/// The text of ids for a statement about them.
+pub(in crate::jobs::store) fn ids<'i>(ids: impl IntoIterator<Item = &'i str>) -> String {
+    let numbered: BTreeMap<usize, &str> = (0..).zip(ids).collect();
+    to_json(&numbered)
+}
 
 /// A row of a known table.
 #[derive(Clone, Copy)]

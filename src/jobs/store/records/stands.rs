@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, HashMap};
 
 use serde_json::{Value, json};
 
-use super::row::{Columns, to_json};
+use super::row::{Columns, ids, of_ids, to_json};
 use crate::jobs::store::Transaction;
-use crate::jobs::store::sql::{Db, Row, either, query};
+use crate::jobs::store::sql::{Db, Row, query};
 use crate::jobs::{Job, JobId, Result};
 
 /// Where a waiting job stands.
@@ -22,11 +22,21 @@ pub(super) struct Stand {
     among_others: Option<Value>,
 }
 
-/// Where the waiting ones of the jobs stand whose ids are as `$asked` says.
-macro_rules! standing {
-    ($asked:literal) => {
-        concat!(
-            "SELECT id, tenant, created_at, cost_ms, jobs - jobs_behind AS position,
+/// Where each of these jobs stands that waits.
+///
+/// A submit asks for this, so that it must not cost more the more jobs wait. What is before a job of
+/// its own tenant are the sums without the jobs behind it, of which a new one has none; and the jobs
+/// of others are looked at only where there are any.
+pub(super) async fn stands(db: &mut Db<'_>, ids: &[&JobId]) -> Result<HashMap<JobId, Stand>> {
+    let mut stands = own_stands(db, ids).await?;
+    add_others(db, &mut stands).await?;
+    Ok(stands)
+}
+
+/// The same among the jobs of its own tenant.
+async fn own_stands(db: &mut Db<'_>, asked: &[&JobId]) -> Result<HashMap<JobId, Stand>> {
+    let rows = query(of_ids!(
+        "SELECT id, tenant, created_at, cost_ms, jobs - jobs_behind AS position,
                 upto_ms - ms_behind AS upto_ms, served + upto_ms - ms_behind - cost_ms AS turn, others
          FROM (SELECT own.id, own.tenant, own.created_at, own.cost_ms,
                    (SELECT CAST(SUM(waiting.jobs) AS BIGINT) FROM waiting
@@ -45,33 +55,10 @@ macro_rules! standing {
                    MAX(COALESCE((SELECT served_ms FROM turns WHERE turns.tenant = own.tenant), 0),
                        (SELECT turn FROM now_served)) AS served,
                    EXISTS (SELECT 1 FROM waiting WHERE waiting.tenant <> own.tenant) AS others
-               FROM jobs AS own WHERE own.id ",
-            $asked,
-            " AND own.status = 'queued') AS found"
-        )
-    };
-}
-
-/// Where each of these jobs stands that waits.
-///
-/// A submit asks for this, so that it must not cost more the more jobs wait. What is before a job of
-/// its own tenant are the sums without the jobs behind it, of which a new one has none; and the jobs
-/// of others are looked at only where there are any.
-pub(super) async fn stands(db: &mut Db<'_>, ids: &[&JobId]) -> Result<HashMap<JobId, Stand>> {
-    let mut stands = own_stands(db, ids).await?;
-    add_others(db, &mut stands).await?;
-    Ok(stands)
-}
-
-/// The same among the jobs of its own tenant.
-async fn own_stands(db: &mut Db<'_>, ids: &[&JobId]) -> Result<HashMap<JobId, Stand>> {
-    let asked: BTreeMap<usize, &JobId> = ids.iter().copied().enumerate().collect();
-    let rows = query(either(
-        standing!("IN (SELECT value FROM json_each(?1))"),
-        // As an array, of which Postgres knows that it is short.
-        standing!("= ANY (ARRAY(SELECT value FROM json_each(?1)))"),
+               FROM jobs AS own WHERE own.id",
+        " AND own.status = 'queued') AS found"
     ))
-    .bind(to_json(&asked))
+    .bind(ids(asked.iter().map(|id| id.as_str())))
     .fetch_all(db)
     .await?;
     let stand = |row: &Row| {

@@ -1,7 +1,7 @@
 //! Jobs as they are put into the queue: those that are submitted while others are written come together,
 //! with as many statements as one of them.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::oneshot;
@@ -11,7 +11,7 @@ use super::idempotency::{Idempotency, Subject};
 use super::jobs::job_of;
 use super::queue::cost_ms;
 use super::quotas::limits_jobs;
-use super::row::{Columns, to_json};
+use super::row::{Columns, ids, of_ids, to_json};
 use crate::identity::Caller;
 use crate::jobs::store::sql::{either, many, query};
 use crate::jobs::store::{Acts, Store, Transaction};
@@ -23,7 +23,7 @@ const TOGETHER: usize = 64;
 /// Submits that wait for their transaction.
 #[derive(Default)]
 pub(in crate::jobs::store) struct Submits {
-    waiting: Mutex<Vec<(Submit, Reply)>>,
+    waiting: Mutex<Vec<(Arc<Submit>, Reply)>>,
     /// Who writes: the others wait, and find theirs written.
     turn: tokio::sync::Mutex<()>,
 }
@@ -38,13 +38,13 @@ struct Submit {
 
 impl Submits {
     /// Those that wait, oldest first.
-    fn take(&self) -> Vec<(Submit, Reply)> {
+    fn take(&self) -> Vec<(Arc<Submit>, Reply)> {
         let mut waiting = self.lock();
         let count = waiting.len().min(TOGETHER);
         waiting.drain(..count).collect()
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<(Submit, Reply)>> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<(Arc<Submit>, Reply)>> {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -57,11 +57,11 @@ impl Acts<'_> {
     /// `QueueFull`, `CloudMissing`, `Quota`.
     pub async fn submit(self, new: NewJob, idempotency: Option<Idempotency>) -> Result<Job> {
         let (reply, answer) = oneshot::channel();
-        let submit = Submit {
+        let submit = Arc::new(Submit {
             new,
             caller: self.caller.clone(),
             idempotency,
-        };
+        });
         self.store.inner.submits.lock().push((submit, reply));
         // Not by this future: if it is dropped, the others that it writes still get their answers.
         tokio::spawn(self.store.clone().write_submits());
@@ -75,7 +75,6 @@ impl Store {
         let submits = &self.inner.submits;
         let _turn = submits.turn.lock().await;
         let (asked, replies): (Vec<_>, Vec<_>) = submits.take().into_iter().unzip();
-        let asked: Vec<Arc<Submit>> = asked.into_iter().map(Arc::new).collect();
         match self.submit_together(asked.clone()).await {
             Ok(made) => {
                 for (reply, job) in replies.into_iter().zip(made) {
@@ -192,19 +191,15 @@ impl Transaction<'_> {
 
     /// An id for each whose cloud is here, and for which there is room in the queue.
     async fn check_together(&mut self, wanted: &[Wanted<'_>]) -> Result<Vec<Result<JobId>>> {
-        let ids: HashSet<&str> = wanted
+        let clouds: HashSet<&str> = wanted
             .iter()
             .map(|(new, _)| new.cloud_id.as_str())
             .collect();
-        let ids: BTreeMap<usize, &str> = (0..).zip(ids).collect();
-        let rows = query(either(
-            "SELECT id, tenant, (SELECT COALESCE(SUM(jobs), 0) FROM waiting) AS waiting
-             FROM clouds WHERE id IN (SELECT value FROM json_each(?1))",
-            // As an array, of which Postgres knows that it is short.
+        let rows = query(of_ids!(
             "SELECT id, tenant, (SELECT CAST(COALESCE(SUM(jobs), 0) AS BIGINT) FROM waiting) AS waiting
-             FROM clouds WHERE id = ANY (ARRAY(SELECT value FROM json_each(?1)))",
+             FROM clouds WHERE id"
         ))
-        .bind(to_json(&ids))
+        .bind(ids(clouds))
         .fetch_all(&mut self.db)
         .await?;
         let (mut known, mut waiting) = (HashSet::new(), 0);
