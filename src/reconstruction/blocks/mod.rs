@@ -54,13 +54,7 @@ pub(super) fn needed(
     scan: &Scan,
     tolerated: f64,
 ) -> Result<bool, Error> {
-    let positions = prepared
-        .held_out
-        .iter()
-        .map(|i| scan.indices.binary_search(i));
-    let held_out: Vec<Vec3> = positions
-        .filter_map(|position| Some(scan.surface.points[position.ok()?]))
-        .collect();
+    let held_out = pick(&scan.surface.points, &scan.held_out);
     let found = misfit(field, &held_out, scan.band)?;
     let noise = scan.uncertainty.noise;
     let missed = if scan.uncertainty.tells_details() {

@@ -4,6 +4,8 @@ use serde::Serialize;
 
 use super::Subject;
 use crate::reconstruction::error::Error;
+use crate::reconstruction::nearby::Walk;
+use crate::reconstruction::sampling::selection::pick;
 use crate::reconstruction::vector::Vec3;
 
 /// Points that the field is asked about at a time.
@@ -32,9 +34,15 @@ impl FieldAtPoints {
             .measured(cloud)
             .map(|p| prepared.frame.to_unit(p))
             .collect();
+        // Neighbours lie in the same blocks, whose networks are asked about many points at once then.
+        let order: Vec<usize> = Walk::along(&points).order().collect();
         let mut values = vec![0.0; points.len()];
-        for (points, values) in points.chunks(AT_A_TIME).zip(values.chunks_mut(AT_A_TIME)) {
-            field.values(points, values)?;
+        for some in order.chunks(AT_A_TIME) {
+            let mut found = vec![0.0; some.len()];
+            field.values(&pick(&points, some), &mut found)?;
+            for (&i, found) in some.iter().zip(found) {
+                values[i] = found;
+            }
         }
         let count = values.len().max(1) as f64;
         Ok(Self {

@@ -157,9 +157,9 @@ pub struct Prepared {
     pub validation: Samples,
     /// Surface points that are worked with.
     pub points: usize,
-    /// Indices into the cloud of the surface points trained on, ascending.
+    /// Indices into the cloud of the surface points trained on.
     pub surface: Vec<usize>,
-    /// Indices into the cloud of the surface points held out, ascending; at most 20,000.
+    /// Indices into the cloud of the surface points held out; at most 20,000.
     pub held_out: Vec<usize>,
     /// How many samples of each kind there are.
     pub counts: Counts,

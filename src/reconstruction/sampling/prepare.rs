@@ -125,13 +125,14 @@ pub(in crate::reconstruction) fn scan(
     }
     counts.validation = validation.len();
     let listed = even_subset(&held_out, MAX_HELD_OUT, &mut choice);
+    let listed = pick(&split.held_out, &listed);
     let prepared = Prepared {
         frame: scene.frame,
         training,
         validation,
         points: scene.indices.len(),
         surface: pick(&scene.indices, &split.trained),
-        held_out: pick(&scene.indices, &pick(&split.held_out, &listed)),
+        held_out: pick(&scene.indices, &listed),
         counts,
         spacing,
         anisotropy: surface.as_ref().map_or(1.0, |surface| surface.anisotropy),
@@ -147,6 +148,7 @@ pub(in crate::reconstruction) fn scan(
     let scan = surface.zip(uncertainty).map(|(surface, uncertainty)| Scan {
         surface,
         indices: scene.indices,
+        held_out: listed,
         uncertainty,
         band: scene.grading.band,
     });
@@ -175,8 +177,11 @@ fn stop_if(cancelled: &dyn Fn() -> bool) -> Result<(), Error> {
 pub(in crate::reconstruction) struct Scan {
     /// The oriented points.
     pub(in crate::reconstruction) surface: OrientedSurface,
-    /// Their indices into the cloud, ascending.
+    /// Their indices into the cloud.
     pub(in crate::reconstruction) indices: Vec<usize>,
+    /// Positions among them of those that the one network is not fitted to and that are listed
+    /// ([`Prepared::held_out`]).
+    pub(in crate::reconstruction) held_out: Vec<usize>,
     /// How far they can be trusted.
     pub(in crate::reconstruction) uncertainty: Uncertainty,
     /// Distance from the surface at which the targets of the one network reach ±1.
@@ -187,7 +192,7 @@ pub(in crate::reconstruction) struct Scan {
 struct Scene<'a> {
     cloud: &'a PointCloud,
     settings: &'a Settings,
-    /// Indices into the cloud, ascending.
+    /// Indices into the cloud.
     indices: Vec<usize>,
     /// Indices into the cloud of what was left out, ascending.
     strays: Vec<usize>,

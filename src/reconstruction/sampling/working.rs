@@ -6,6 +6,7 @@ use super::selection::{distinct, even_subset, pick};
 use super::strays::strays;
 use crate::reconstruction::cloud::{Label, PointCloud, enough_points};
 use crate::reconstruction::error::Error;
+use crate::reconstruction::nearby::Walk;
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::random::Generator;
 use crate::reconstruction::settings::{self, OffSurface, Settings};
@@ -15,7 +16,8 @@ use crate::reconstruction::vector::bits;
 pub(crate) const MAX_WORKING_POINTS: usize = 5_000_000;
 
 /// Indices of the surface points that are worked with, and of strays: all and none in the paper's way, otherwise
-/// different ones that are no strays, thinned where they are very many.
+/// different ones that are no strays, thinned where they are very many. Many are in an order in which neighbours follow
+/// each other: what is worked out of neighbours finds them in the cache of the processor then.
 pub(super) fn working_points(
     cloud: &PointCloud,
     settings: &Settings,
@@ -35,7 +37,7 @@ pub(super) fn working_points(
         }
         return Ok((labelled, Vec::new()));
     }
-    let mut different = distinct(&cloud.points, &labelled);
+    let different = distinct(&cloud.points, &labelled);
     if different.len() < labelled.len() {
         warnings.push(Warning::new(
             "duplicate_points",
@@ -46,6 +48,8 @@ pub(super) fn working_points(
         ));
     }
     enough_points(different.len())?;
+    let walk = Walk::along(&pick(&cloud.points, &different));
+    let mut different: Vec<usize> = walk.order().map(|position| different[position]).collect();
     let strays = without_strays(cloud, &mut different, warnings)?;
     if different.len() <= MAX_WORKING_POINTS {
         return Ok((different, strays));
