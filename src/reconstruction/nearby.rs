@@ -54,43 +54,66 @@ fn spread(bits: u64) -> u64 {
         .fold(bits, |bits, (shift, mask)| (bits | bits << shift) & mask)
 }
 
+/// Which threads work at the places.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Threads {
+    /// All of the pool.
+    All,
+    /// The calling one, for those who work side by side already: a thread that waits for others may begin what they
+    /// wait for.
+    Caller,
+}
+
 /// An order of places in which neighbours follow each other, or that in which they were given, where they are few.
-pub(super) struct Walk(Vec<u32>);
+pub(super) struct Walk {
+    order: Vec<u32>,
+    threads: Threads,
+}
 
 impl Walk {
     pub(super) fn along(places: &[Vec3]) -> Self {
-        Self(if places.len() < FEW {
+        Self::on(Threads::All, places)
+    }
+
+    /// A walk on these threads: for the calling one alone, places are few.
+    pub(super) fn on(threads: Threads, places: &[Vec3]) -> Self {
+        let order = if threads == Threads::Caller || places.len() < FEW {
             (0..places.len() as u32).collect()
         } else {
             morton_order(places).into_iter().map(|(_, i)| i).collect()
-        })
+        };
+        Self { order, threads }
     }
 
     /// The numbers of the places in this order.
     pub(super) fn order(&self) -> impl Iterator<Item = usize> + '_ {
-        self.0.iter().map(|&i| i as usize)
+        self.order.iter().map(|&i| i as usize)
     }
 
-    /// What `work` gives for the number of each place, put where `put` wants it, on all threads.
+    /// What `work` gives for the number of each place, put where `put` wants it.
     pub(super) fn for_each<R: Send>(
         &self,
         work: impl Fn(usize) -> R + Sync,
         mut put: impl FnMut(usize, R),
     ) {
-        for some in self.0.chunks(AT_A_TIME) {
-            let found: Vec<R> = some.par_iter().map(|&i| work(i as usize)).collect();
+        for some in self.order.chunks(AT_A_TIME) {
+            let work = |&i: &u32| work(i as usize);
+            let found: Vec<R> = match self.threads {
+                Threads::All => some.par_iter().map(work).collect(),
+                Threads::Caller => some.iter().map(work).collect(),
+            };
             for (&i, found) in some.iter().zip(found) {
                 put(i as usize, found);
             }
         }
     }
 
-    /// What `work` gives for the number of each place, in the order of the places, on all threads.
+    /// What `work` gives for the number of each place, in the order of the places.
     pub(super) fn map<R: Send + Clone + Default>(
         &self,
         work: impl Fn(usize) -> R + Sync,
     ) -> Vec<R> {
-        let mut all = vec![R::default(); self.0.len()];
+        let mut all = vec![R::default(); self.order.len()];
         self.for_each(work, |i, found| all[i] = found);
         all
     }
@@ -100,12 +123,13 @@ impl Walk {
         &self,
         work: impl Fn([usize; TOGETHER]) -> [R; TOGETHER] + Sync,
     ) -> Vec<R> {
-        let mut all = vec![R::default(); self.0.len()];
-        for some in self.0.chunks(AT_A_TIME - AT_A_TIME % TOGETHER) {
-            let found: Vec<[R; TOGETHER]> = some
-                .par_chunks(TOGETHER)
-                .map(|of| work(std::array::from_fn(|k| of[k.min(of.len() - 1)] as usize)))
-                .collect();
+        let mut all = vec![R::default(); self.order.len()];
+        for some in self.order.chunks(AT_A_TIME - AT_A_TIME % TOGETHER) {
+            let work = |of: &[u32]| work(std::array::from_fn(|k| of[k.min(of.len() - 1)] as usize));
+            let found: Vec<[R; TOGETHER]> = match self.threads {
+                Threads::All => some.par_chunks(TOGETHER).map(work).collect(),
+                Threads::Caller => some.chunks(TOGETHER).map(work).collect(),
+            };
             for (of, found) in some.chunks(TOGETHER).zip(found) {
                 for (&i, found) in of.iter().zip(found) {
                     all[i as usize] = found;
@@ -134,12 +158,15 @@ mod tests {
             let places: Vec<Vec3> = (0..count)
                 .map(|i| [0.7, 0.3, 0.1].map(|step| (i as f64 * step).fract()))
                 .collect();
-            let found = map_nearby(&places, |i| places[i][0] + i as f64);
             let expected = places.iter().enumerate().map(|(i, p)| p[0] + i as f64);
-            assert!(found.into_iter().eq(expected.clone()), "{count}");
-            let work = |at: [usize; 3]| at.map(|i| places[i][0] + i as f64);
-            let found = Walk::along(&places).map_together(work);
-            assert!(found.into_iter().eq(expected), "{count}");
+            for threads in [Threads::All, Threads::Caller] {
+                let walk = Walk::on(threads, &places);
+                let found = walk.map(|i| places[i][0] + i as f64);
+                assert!(found.into_iter().eq(expected.clone()), "{count}");
+                let work = |at: [usize; 3]| at.map(|i| places[i][0] + i as f64);
+                let found = walk.map_together(work);
+                assert!(found.into_iter().eq(expected.clone()), "{count}");
+            }
         }
     }
 

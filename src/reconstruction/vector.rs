@@ -132,4 +132,10 @@ impl Bounds {
     pub fn contains(&self, p: Vec3) -> bool {
         (0..3).all(|i| self.min[i] <= p[i] && p[i] <= self.max[i])
     }
+
+    /// Whether the boxes have a point in common, on their sides too.
+    #[inline]
+    pub fn meets(&self, other: &Self) -> bool {
+        (0..3).all(|i| self.min[i] <= other.max[i] && other.min[i] <= self.max[i])
+    }
 }

@@ -19,7 +19,7 @@ use crate::reconstruction::vector::Vec3;
 /// What all blocks share.
 pub(super) struct Task<'a> {
     pub(super) blocks: &'a [Block],
-    pub(super) places: &'a Places,
+    pub(super) places: &'a Places<'a>,
     pub(super) plan: &'a Plan<'a>,
     pub(super) planned: &'a BlockPlan,
     /// Points that no block is fitted to, and which of them are in the reach of each.

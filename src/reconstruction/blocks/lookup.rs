@@ -74,13 +74,24 @@ impl Lookup {
     }
 
     /// Calls `found` with the index of each box that holds `q`, in a fixed order.
-    pub(super) fn holding(&self, q: Vec3, mut found: impl FnMut(usize)) {
+    pub(super) fn holding(&self, q: Vec3, found: impl FnMut(usize)) {
+        self.among(|bounds| bounds.contains(q), found);
+    }
+
+    /// Calls `found` with the index of each box that meets `other`, in a fixed order.
+    pub(super) fn meeting(&self, other: &Bounds, found: impl FnMut(usize)) {
+        self.among(|bounds| bounds.meets(other), found);
+    }
+
+    /// Calls `found` with the index of each box that `is_wanted`, as all around it are.
+    #[inline]
+    fn among(&self, is_wanted: impl Fn(&Bounds) -> bool, mut found: impl FnMut(usize)) {
         let mut open = [0; DEEPEST];
         let mut waiting = usize::from(!self.nodes.is_empty());
         while waiting > 0 {
             waiting -= 1;
             let node = &self.nodes[open[waiting]];
-            if !node.bounds.contains(q) {
+            if !is_wanted(&node.bounds) {
                 continue;
             }
             if let Some([low, high]) = node.halves {
@@ -91,7 +102,7 @@ impl Lookup {
             }
             let leaf = node.start..node.end;
             for (bounds, &i) in self.boxes[leaf.clone()].iter().zip(&self.order[leaf]) {
-                if bounds.contains(q) {
+                if is_wanted(bounds) {
                     found(i as usize);
                 }
             }
@@ -107,7 +118,7 @@ mod tests {
     use crate::reconstruction::random::{Purpose, stream};
 
     #[test]
-    fn every_box_that_holds_a_place_is_found_once() {
+    fn every_box_that_holds_a_place_or_meets_a_box_is_found_once() {
         let mut random = stream(3, Purpose::Shape);
         for count in [0, 1, 3, 40, 300] {
             let boxes: Vec<Bounds> = (0..count)
@@ -124,6 +135,19 @@ mod tests {
                 lookup.holding(q, |i| found.push(i));
                 found.sort_unstable();
                 let expected: Vec<usize> = (0..count).filter(|&i| boxes[i].contains(q)).collect();
+                assert_eq!(found, expected);
+                let other = Bounds {
+                    min: q,
+                    max: q.map(|v| v + 0.1 * random.random::<f64>()),
+                };
+                let mut found = Vec::new();
+                lookup.meeting(&other, |i| found.push(i));
+                found.sort_unstable();
+                // Boxes meet where no axis keeps them apart.
+                let apart = |a: &Bounds, b: &Bounds| (0..3).any(|axis| a.max[axis] < b.min[axis]);
+                let expected: Vec<usize> = (0..count)
+                    .filter(|&i| !apart(&boxes[i], &other) && !apart(&other, &boxes[i]))
+                    .collect();
                 assert_eq!(found, expected);
             }
         }

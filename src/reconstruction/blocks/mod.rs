@@ -150,7 +150,7 @@ pub(super) fn refine<T: Scalar>(
     let done = fit::fit(&task, done, observer, &mut told)?;
     prepared.spacing = median(&mut spacings);
     prepared.counts.surface = fitted.len();
-    prepared.counts.near = places.generated() - given.len();
+    prepared.counts.near = places.generated();
     prepared.counts.held_out = split.held_out.len();
     prepared.surface = pick(&scan.indices, fitted);
     prepared.held_out = pick(&scan.indices, &split.held_out);

@@ -1,16 +1,27 @@
-//! The samples of all blocks, made once; each block takes those in its reach.
+//! The samples of all blocks. Each place is asked about once, when the first block that may hold it is fitted.
+//!
+//! Which places there are depends on all blocks, and costs little. What is known of them costs as much as some of the
+//! fitting, and depends on the points alone. So a block can be fitted, or given to others, before most places are
+//! asked about.
+
+use std::sync::OnceLock;
+
+use rayon::prelude::*;
 
 use super::block::Block;
 use super::lookup::Lookup;
 use crate::reconstruction::error::Error;
-use crate::reconstruction::nearby::map_nearby;
+use crate::reconstruction::nearby::{Threads, map_nearby};
 use crate::reconstruction::random::Generator;
 use crate::reconstruction::sampling::Samples;
 use crate::reconstruction::sampling::oriented::OrientedSurface;
-use crate::reconstruction::sampling::samples::{Grading, Sampler, far_places};
+use crate::reconstruction::sampling::samples::{
+    Grading, STEPS, Sampler, Step, far_places, share_of_pair,
+};
+use crate::reconstruction::sampling::selection::pick;
 use crate::reconstruction::settings::Targets;
 use crate::reconstruction::surface::Field;
-use crate::reconstruction::vector::Vec3;
+use crate::reconstruction::vector::{Bounds, Vec3};
 
 /// Samples in the reach of a block for each point of the cloud there.
 const FAR_SHARE: f64 = 0.2;
@@ -18,27 +29,68 @@ const FAR_SHARE: f64 = 0.2;
 /// Points that are worked with at a time, which bounds the memory beside what is kept of them.
 const AT_A_TIME: usize = 1 << 19;
 
-/// Places with their signed distances from the surface, in the frame of the run.
-pub(super) struct Places {
-    points: Vec<Vec3>,
-    distances: Vec<f64>,
-    /// What a coarse field says of the distances; nothing where the blocks are not told.
-    coarse: Vec<f64>,
-    /// The first so many are points of the cloud.
-    on_surface: usize,
-    /// The places of each block, ascending.
-    of_blocks: Vec<Vec<u32>>,
-}
-
 /// Distances are told up to this, in the frame of the run, which is a sixth of its box: no block has a wider band.
 const FARTHEST: f64 = 1.0;
 
-impl Places {
+/// Places with their signed distances from the surface, in the frame of the run.
+pub(super) struct Places<'a> {
+    sampler: Sampler<'a>,
+    /// The points of the cloud that networks are fitted to.
+    points: Vec<Vec3>,
+    /// Those in the reach of each block, ascending.
+    points_of: Vec<Vec<u32>>,
+    /// What a coarse field says of their distances; nothing where the blocks are not told.
+    coarse: Vec<f64>,
+    /// The places around them, in a part for each block: those beside points that no block before it holds, and those
+    /// in its reach.
+    parts: Vec<Part>,
+    /// The parts that may have places in the reach of each block.
+    parts_of: Vec<Vec<u32>>,
+}
+
+/// Some places.
+#[derive(Default)]
+struct Part {
+    /// Pairs beside points: the number of the point among those that are fitted, and both steps.
+    pairs: Vec<(u32, [Step; 2])>,
+    /// Places whose distances the user told.
+    given: Vec<Known>,
+    /// Places away from the surface.
+    far: Vec<Vec3>,
+    /// Number of the first of them.
+    first_far: u32,
+    /// What is known of all of these, once somebody has asked.
+    known: OnceLock<Vec<Known>>,
+}
+
+/// A place whose distance is known.
+#[derive(Clone, Copy)]
+struct Known {
+    /// Its number in the order of all: pairs, given ones, those away from the surface.
+    number: u32,
+    place: Vec3,
+    distance: f64,
+    /// What a coarse field says of the distance; 0 where the blocks are not told.
+    coarse: f64,
+}
+
+impl Known {
+    fn new(number: u32, (place, distance): (Vec3, f64)) -> Self {
+        Self {
+            number,
+            place,
+            distance,
+            coarse: 0.0,
+        }
+    }
+}
+
+impl<'a> Places<'a> {
     /// The points of `surface` at `fitted`, one pair beside each, places in the reach of every block, and the
     /// `given` ones, whose distances are known.
     pub(super) fn new(
         blocks: &[Block],
-        surface: &OrientedSurface,
+        surface: &'a OrientedSurface,
         fitted: &[usize],
         given: &[(Vec3, f64)],
         random: &mut Generator,
@@ -51,37 +103,44 @@ impl Places {
             },
             thinning: 1.0,
             sparse: false,
+            threads: Threads::Caller,
         };
-        let mut samples: Samples = fitted.iter().map(|&i| (surface.points[i], 0.0)).collect();
-        let on_surface = samples.len();
-        for some in fitted.chunks(AT_A_TIME) {
-            samples.append(sampler.near(some, 1, random));
-        }
-        samples.extend(given.iter().copied());
+        let points = pick(&surface.points, fitted);
         let lookup = Lookup::new(blocks.iter().map(|block| block.reach).collect());
-        let mut of_blocks = vec![Vec::new(); blocks.len()];
-        add_members(&lookup, &samples.points, 0, &mut of_blocks);
-        let before = samples.len();
-        let mut places = Vec::new();
-        for (k, block) in blocks.iter().enumerate() {
-            let count = of_blocks[k].partition_point(|&i| (i as usize) < on_surface);
-            let far = (FAR_SHARE * count as f64).ceil() as usize;
-            places.extend(far_places(&block.reach, far, random));
-            if places.len() >= AT_A_TIME || k + 1 == blocks.len() {
-                samples.append(sampler.at(&places));
-                places.clear();
+        let points_of = members(&lookup, blocks.len(), &points);
+        let mut parts: Vec<Part> = blocks.iter().map(|_| Part::default()).collect();
+        let owners = owners(&points_of, points.len());
+        for (n, (&i, owner)) in fitted.iter().zip(owners).enumerate() {
+            let pair = sampler.both_ways(i, share_of_pair(0, 1, random));
+            if let Some(part) = parts.get_mut(owner as usize) {
+                part.pairs.push((n as u32, pair));
             }
         }
-        add_members(&lookup, &samples.points[before..], before, &mut of_blocks);
-        let Samples {
-            points, targets, ..
-        } = samples;
+        let first_given = 2 * points.len();
+        for (n, &given) in given.iter().enumerate() {
+            let mut owner = None;
+            lookup.holding(given.0, |k| owner = owner.or(Some(k)));
+            if let Some(k) = owner {
+                let known = Known::new((first_given + n) as u32, given);
+                parts[k].given.push(known);
+            }
+        }
+        let mut first_far = first_given + given.len();
+        for ((part, block), points) in parts.iter_mut().zip(blocks).zip(&points_of) {
+            let count = (FAR_SHARE * points.len() as f64).ceil() as usize;
+            part.far = far_places(&block.reach, count, random);
+            part.first_far = first_far as u32;
+            first_far += count;
+        }
+        let around = parts.iter().zip(blocks);
+        let around = around.map(|(part, block)| part.bounds(block, surface));
         Self {
-            of_blocks,
-            distances: targets.iter().map(|target| FARTHEST * target).collect(),
+            parts_of: meeting(&Lookup::new(around.collect()), blocks),
+            sampler,
+            points_of,
             points,
             coarse: Vec::new(),
-            on_surface,
+            parts,
         }
     }
 
@@ -89,20 +148,37 @@ impl Places {
     ///
     /// # Errors
     /// What the field reports.
-    pub(super) fn over(self, coarse: &CoarseLengths<'_>) -> Result<Self, Error> {
-        Ok(Self {
-            coarse: coarse.at(&self.points)?,
-            ..self
-        })
+    pub(super) fn over(mut self, coarse: &CoarseLengths<'_>) -> Result<Self, Error> {
+        self.ask_all();
+        self.coarse = coarse.at(&self.points)?;
+        let known = self
+            .parts
+            .iter_mut()
+            .filter_map(|part| part.known.get_mut());
+        let mut known: Vec<&mut Known> = known.flatten().collect();
+        let places: Vec<Vec3> = known.iter().map(|known| known.place).collect();
+        for (known, coarse) in known.iter_mut().zip(coarse.at(&places)?) {
+            known.coarse = coarse;
+        }
+        Ok(self)
     }
 
-    /// Number of places of each kind: beside the surface and away from it.
+    /// Number of places beside the surface and away from it whose distance was not given.
     pub(super) fn generated(&self) -> usize {
-        self.points.len() - self.on_surface
+        self.ask_all();
+        let known = |part: &Part| part.known.get().map_or(0, Vec::len) - part.given.len();
+        self.parts.iter().map(known).sum()
+    }
+
+    /// Has all places asked about, on all threads.
+    fn ask_all(&self) {
+        self.parts.par_iter().for_each(|part| {
+            part.known(&self.sampler);
+        });
     }
 
     /// Samples of block `k` in its own frame, and how many of them, the first ones, are on the surface, where they have
-    /// this weight.
+    /// this weight. Asks about places on the calling thread.
     pub(super) fn of(
         &self,
         k: usize,
@@ -114,26 +190,74 @@ impl Places {
             targets,
             band: block.band,
         };
-        let mut samples = Samples::default();
-        let mut on_surface = 0;
-        for &i in &self.of_blocks[k] {
-            let i = i as usize;
-            let is_point = i < self.on_surface;
-            let distance = self.distances[i];
-            let target = if is_point {
-                0.0
-            } else {
-                grading.target(distance > 0.0, distance.abs())
-            };
-            let target = target - self.coarse.get(i).map_or(0.0, |length| length / block.band);
-            samples.extend([(block.frame.to_unit(self.points[i]), target)]);
-            if is_point && let Some(last) = samples.weights.last_mut() {
-                *last = weight;
-                on_surface += 1;
-            }
-        }
-        (samples, on_surface)
+        let sample = |place: Vec3, target: f64, coarse: f64| {
+            (block.frame.to_unit(place), target - coarse / block.band)
+        };
+        let on_surface = self.points_of[k].iter().map(|&i| {
+            let coarse = self.coarse.get(i as usize).copied();
+            sample(self.points[i as usize], 0.0, coarse.unwrap_or_default())
+        });
+        let mut samples = on_surface.collect::<Samples>().weighing(weight);
+        let around = self.parts_of[k].iter();
+        let mut around: Vec<&Known> = around
+            .flat_map(|&part| self.parts[part as usize].known(&self.sampler))
+            .filter(|known| block.reach.contains(known.place))
+            .collect();
+        around.sort_unstable_by_key(|known| known.number);
+        samples.extend(around.into_iter().map(|known| {
+            let target = grading.target(known.distance > 0.0, known.distance.abs());
+            sample(known.place, target, known.coarse)
+        }));
+        (samples, self.points_of[k].len())
     }
+}
+
+impl Part {
+    /// A box around all its places, wherever its pairs come to lie; it is that of `block`.
+    fn bounds(&self, block: &Block, surface: &OrientedSurface) -> Bounds {
+        let spacings = self
+            .pairs
+            .iter()
+            .map(|(_, [(i, _), _])| surface.spacings[*i]);
+        block.reach.padded(STEPS.1 * spacings.fold(0.0, f64::max))
+    }
+
+    /// What is known of its places, those left out that the surface leaves open.
+    fn known(&self, sampler: &Sampler<'_>) -> &[Known] {
+        self.known.get_or_init(|| {
+            let steps: Vec<Step> = self.pairs.iter().flat_map(|(_, pair)| *pair).collect();
+            let numbers = self.pairs.iter().flat_map(|(n, _)| [2 * n, 2 * n + 1]);
+            let beside = numbers.zip(sampler.along(&steps));
+            let away = (self.first_far..).zip(sampler.at_each(&self.far));
+            let known = beside.chain(away).filter_map(|(number, sample)| {
+                let (place, target) = sample?;
+                Some(Known::new(number, (place, FARTHEST * target)))
+            });
+            self.given.iter().copied().chain(known).collect()
+        })
+    }
+}
+
+/// The first block that holds each of so many points, where `points_of` tells those of each block; one beyond the last
+/// where none does.
+fn owners(points_of: &[Vec<u32>], points: usize) -> Vec<u32> {
+    let mut owners = vec![points_of.len() as u32; points];
+    for (k, points) in points_of.iter().enumerate().rev() {
+        for &i in points {
+            owners[i as usize] = k as u32;
+        }
+    }
+    owners
+}
+
+/// Those of the boxes that meet the reach of each of `blocks`.
+fn meeting(boxes: &Lookup, blocks: &[Block]) -> Vec<Vec<u32>> {
+    let meeting = |block: &Block| {
+        let mut found = Vec::new();
+        boxes.meeting(&block.reach, |part| found.push(part as u32));
+        found
+    };
+    blocks.par_iter().map(meeting).collect()
 }
 
 /// A coarse field as lengths in the frame of the run.
@@ -161,16 +285,10 @@ impl CoarseLengths<'_> {
     }
 }
 
-/// The places that each of so many blocks holds.
-pub(super) fn members(lookup: &Lookup, blocks: usize, points: &[Vec3]) -> Vec<Vec<u32>> {
+/// The places that each of so many blocks holds, ascending.
+pub(super) fn members(lookup: &Lookup, blocks: usize, places: &[Vec3]) -> Vec<Vec<u32>> {
     let mut members = vec![Vec::new(); blocks];
-    add_members(lookup, points, 0, &mut members);
-    members
-}
-
-/// Adds the places that each block holds of `points`, the first of which has number `first`.
-fn add_members(lookup: &Lookup, points: &[Vec3], first: usize, members: &mut [Vec<u32>]) {
-    for (chunk, some) in points.chunks(AT_A_TIME).enumerate() {
+    for (chunk, some) in places.chunks(AT_A_TIME).enumerate() {
         let held: Vec<Vec<u32>> = map_nearby(some, |i| {
             let mut held = Vec::new();
             lookup.holding(some[i], |k| held.push(k as u32));
@@ -178,8 +296,9 @@ fn add_members(lookup: &Lookup, points: &[Vec3], first: usize, members: &mut [Ve
         });
         for (i, held) in held.iter().enumerate() {
             for k in held {
-                members[*k as usize].push((first + chunk * AT_A_TIME + i) as u32);
+                members[*k as usize].push((chunk * AT_A_TIME + i) as u32);
             }
         }
     }
+    members
 }

@@ -8,7 +8,7 @@ use super::normals::{NormalSource, shared};
 use super::sides::{LEVEL, Sides};
 use super::told::Told;
 use super::winding::Winding;
-use crate::reconstruction::nearby::map_nearby;
+use crate::reconstruction::nearby::{Threads, Walk, map_nearby};
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::vector::{Vec3, dot, sub};
 
@@ -174,8 +174,9 @@ impl OrientedSurface {
     }
 
     /// Where each of `queries` is beside the points.
-    pub fn places(&self, queries: &[Vec3]) -> Vec<Place> {
-        map_nearby(queries, |i| self.place(queries[i]))
+    pub fn places(&self, queries: &[Vec3], threads: Threads) -> Vec<Place> {
+        let walk = Walk::on(threads, queries);
+        walk.map(|i| self.place(queries[i]))
     }
 
     /// Where a place is beside the points.
@@ -193,9 +194,9 @@ impl OrientedSurface {
     /// What the points do not surround evenly, they surround by a part of the sphere: around a hole the
     /// winding number is neither 0 nor 1, and the field shall find its own way there. The finer the
     /// sampling, and the farther away, the less else keeps it from either.
-    pub fn inside(&self, places: &[Place]) -> Vec<Option<bool>> {
+    pub fn inside(&self, places: &[Place], threads: Threads) -> Vec<Option<bool>> {
         let queries: Vec<Vec3> = places.iter().map(|place| place.q).collect();
-        let windings = self.winding.at_all(&queries);
+        let windings = self.winding.at_each(&queries, threads);
         let told = windings.into_iter().zip(places);
         told.map(|(winding, place)| self.side(winding, place))
             .collect()

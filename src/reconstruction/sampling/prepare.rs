@@ -12,6 +12,7 @@ use super::working::working_points;
 use super::{Counts, Prepared, Samples};
 use crate::reconstruction::cloud::{self, Label, PointCloud};
 use crate::reconstruction::error::Error;
+use crate::reconstruction::nearby::Threads;
 use crate::reconstruction::observer::Warning;
 use crate::reconstruction::random::{Generator, Purpose, stream};
 use crate::reconstruction::settings::{self, OffSurface, Sampling, Settings};
@@ -111,6 +112,7 @@ pub(in crate::reconstruction) fn scan(
                 .sqrt()
                 .max(1.0),
             sparse: scene.sparse,
+            threads: Threads::All,
         };
         let mut random = stream(settings.training.seed, Purpose::Sampling);
         let [near, far] = scene.generated(&sampler, &split.trained, 1.0, &mut random);

@@ -5,13 +5,14 @@ use rand::RngExt;
 use super::Samples;
 use super::oriented::OrientedSurface;
 use super::selection::pick;
+use crate::reconstruction::nearby::Threads;
 use crate::reconstruction::random::Generator;
 use crate::reconstruction::settings::Targets;
 use crate::reconstruction::vector::{Bounds, Vec3, along, dot};
 
 /// Steps along the normal, in local spacings: far enough from the noise of the normal, near enough
 /// that the surface is still the nearest one.
-const STEPS: (f64, f64) = (0.3, 0.7);
+pub const STEPS: (f64, f64) = (0.3, 0.7);
 
 /// A near sample may be so much closer to the surface than it was put, as a share of its step,
 /// before it is taken to have come near another part.
@@ -50,7 +51,12 @@ pub struct Sampler<'a> {
     pub thinning: f64,
     /// Whether the points are so sparse that distances of far samples are no more than a bound.
     pub sparse: bool,
+    /// Which threads ask the surface.
+    pub threads: Threads,
 }
+
+/// A step from a point along its normal, outwards where it is positive.
+pub type Step = (usize, f64);
 
 impl Sampler<'_> {
     /// `pairs` pairs of samples along the normals of the points at `indices`, unit frame.
@@ -58,39 +64,44 @@ impl Sampler<'_> {
     /// A sample is kept only if the winding number confirms its side and no other part of the
     /// surface is closer; in thin parts the step is halved once.
     pub fn near(&self, indices: &[usize], pairs: usize, random: &mut Generator) -> Samples {
-        let steps: Vec<(usize, f64)> = indices
+        let shares: Vec<(usize, f64)> = indices
             .iter()
             .flat_map(|&i| (0..pairs).map(move |pair| (i, pair)))
-            .map(|(i, pair)| {
-                let share = (pair as f64 + random.random::<f64>()) / pairs as f64;
-                (i, STEPS.0 + (STEPS.1 - STEPS.0) * share)
-            })
+            .map(|(i, pair)| (i, share_of_pair(pair, pairs, random)))
             .collect();
-        let steps: Vec<(usize, f64)> = steps
+        let steps: Vec<Step> = shares
             .into_iter()
-            .flat_map(|(i, share)| {
-                let step = share * self.thinning * self.surface.spacings[i];
-                [(i, -step), (i, step)]
-            })
+            .flat_map(|(i, share)| self.both_ways(i, share))
             .collect();
-        let mut found = self.confirmed(&steps);
+        self.along(&steps).into_iter().flatten().collect()
+    }
+
+    /// The steps inwards and outwards of a pair at point `i` that has this share of the spacing there.
+    pub fn both_ways(&self, i: usize, share: f64) -> [Step; 2] {
+        let step = share * self.thinning * self.surface.spacings[i];
+        [(i, -step), (i, step)]
+    }
+
+    /// The near sample of each of `steps`; none where the surface allows none.
+    pub fn along(&self, steps: &[Step]) -> Vec<Option<(Vec3, f64)>> {
+        let mut found = self.confirmed(steps);
         let missing: Vec<usize> = (0..steps.len()).filter(|&k| found[k].is_none()).collect();
-        let halved: Vec<(usize, f64)> = missing
+        let halved: Vec<Step> = missing
             .iter()
             .map(|&k| (steps[k].0, 0.5 * steps[k].1))
             .collect();
         for (k, nearer) in missing.into_iter().zip(self.confirmed(&halved)) {
             found[k] = nearer;
         }
-        found.into_iter().flatten().collect()
+        found
     }
 
     /// The sample at each step along the normal of a point, if it is where it should be.
-    fn confirmed(&self, steps: &[(usize, f64)]) -> Vec<Option<(Vec3, f64)>> {
+    fn confirmed(&self, steps: &[Step]) -> Vec<Option<(Vec3, f64)>> {
         let surface = self.surface;
-        let at = |&(i, step): &(usize, f64)| along(surface.points[i], step, surface.normals[i]);
+        let at = |&(i, step): &Step| along(surface.points[i], step, surface.normals[i]);
         let queries: Vec<Vec3> = steps.iter().map(at).collect();
-        let places = surface.places(&queries);
+        let places = surface.places(&queries, self.threads);
         let is_clear = |k: &usize| {
             let ((i, step), place) = (steps[*k], &places[*k]);
             dot(surface.normals[place.nearest], surface.normals[i]) > 0.0
@@ -98,7 +109,8 @@ impl Sampler<'_> {
         };
         let clear: Vec<usize> = (0..steps.len()).filter(is_clear).collect();
         let mut found = vec![None; steps.len()];
-        for (&k, inside) in clear.iter().zip(surface.inside(&pick(&places, &clear))) {
+        let sides = surface.inside(&pick(&places, &clear), self.threads);
+        for (&k, inside) in clear.iter().zip(sides) {
             let expected = steps[k].1 < 0.0;
             if inside == Some(expected) {
                 let target = self.grading.target(expected, steps[k].1.abs());
@@ -114,7 +126,8 @@ impl Sampler<'_> {
     /// Their distances are those to a point or to its tangent plane, and off by as much as the spacing. Where
     /// that is as much as the band, an exact target bends the field; a bound keeps the side all the same.
     pub fn far(&self, region: &Bounds, count: usize, random: &mut Generator) -> Samples {
-        let mut found = self.known(&far_places(region, count, random));
+        let found = self.known(&far_places(region, count, random));
+        let mut found: Vec<_> = found.into_iter().flatten().collect();
         let samples = |found: Vec<(f64, (Vec3, f64))>| -> Samples {
             found.into_iter().map(|(_, sample)| sample).collect()
         };
@@ -126,23 +139,29 @@ impl Sampler<'_> {
         samples(found).at_least()
     }
 
-    /// Samples at those of the `places` whose side is sure.
-    pub fn at(&self, places: &[Vec3]) -> Samples {
+    /// The sample at each of `places`; none where the side is not sure.
+    pub fn at_each(&self, places: &[Vec3]) -> Vec<Option<(Vec3, f64)>> {
         let found = self.known(places).into_iter();
-        found.map(|(_, sample)| sample).collect()
+        found.map(|found| Some(found?.1)).collect()
     }
 
     /// The same with their distances.
-    fn known(&self, queries: &[Vec3]) -> Vec<(f64, (Vec3, f64))> {
-        let places = self.surface.places(queries);
-        let sides = self.surface.inside(&places);
+    fn known(&self, queries: &[Vec3]) -> Vec<Option<(f64, (Vec3, f64))>> {
+        let places = self.surface.places(queries, self.threads);
+        let sides = self.surface.inside(&places, self.threads);
         let told = queries.iter().zip(&places).zip(sides);
-        told.filter_map(|((q, place), inside)| {
+        told.map(|((q, place), inside)| {
             let distance = self.surface.distance(place);
             Some((distance, (*q, self.grading.target(inside?, distance))))
         })
         .collect()
     }
+}
+
+/// The step of one of so many pairs at a point, in local spacings: each pair has its own part of the range.
+pub fn share_of_pair(pair: usize, pairs: usize, random: &mut Generator) -> f64 {
+    let share = (pair as f64 + random.random::<f64>()) / pairs as f64;
+    STEPS.0 + (STEPS.1 - STEPS.0) * share
 }
 
 /// `count` places in `region` and on its shell.

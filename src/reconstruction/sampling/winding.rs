@@ -7,7 +7,7 @@
 
 use pulp::{Arch, NullaryFnOnce};
 
-use crate::reconstruction::nearby::Walk;
+use crate::reconstruction::nearby::{Threads, Walk};
 use crate::reconstruction::vector::{Bounds, Vec3, add, along, distance, dot, norm, scale, sub};
 
 /// Points of a leaf, summed one by one.
@@ -110,10 +110,15 @@ impl Winding {
         sum
     }
 
-    /// The winding number at each of `queries`, the same as one by one.
+    /// The winding number at each of `queries`, the same as one by one, on all threads.
     pub fn at_all(&self, queries: &[Vec3]) -> Vec<f64> {
+        self.at_each(queries, Threads::All)
+    }
+
+    /// The same on these threads.
+    pub(super) fn at_each(&self, queries: &[Vec3], threads: Threads) -> Vec<f64> {
         let arch = Arch::new();
-        Walk::along(queries).map_together(|at: [usize; LANES]| {
+        Walk::on(threads, queries).map_together(|at: [usize; LANES]| {
             let queries = Queries {
                 x: at.map(|i| queries[i][0]),
                 y: at.map(|i| queries[i][1]),
