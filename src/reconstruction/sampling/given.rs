@@ -60,6 +60,7 @@ pub(super) fn judged(
     let Estimated {
         normals: told,
         noise,
+        areas: _,
     } = told;
     let mut turned = 0;
     let signed: Vec<Vec3> = given
@@ -86,6 +87,7 @@ pub(super) fn judged(
         directions,
         source,
         noise,
+        areas: None,
     }
 }
 

@@ -100,25 +100,6 @@ impl Jets {
         }
     }
 
-    /// The same from one quadric through the nearest points of each: where points are many, slopes need no more.
-    pub fn nearest(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) -> Self {
-        let fits: Vec<Option<Fit>> = neighbours.map(|i| {
-            let arms = same_sheet(points, normals, neighbours, i);
-            fit(&arms, normals[i], DEGREES[1])
-        });
-        let errors = neighbours.map(|i| {
-            let pool = iter::once(i).chain(neighbours.of(i).take(POOLED));
-            root_mean_square(pool.filter_map(|j| fits[j].map(|fit| fit.error)))
-        });
-        let chosen = fits.iter().zip(normals);
-        Self {
-            normals: chosen
-                .map(|(fit, normal)| fit.map_or(*normal, |fit| fit.normal))
-                .collect(),
-            errors: errors.into_iter().flatten().collect(),
-        }
-    }
-
     /// Median error of the fits: noise, and what they miss of the shape.
     pub fn error(&self) -> f64 {
         self.quantile(0.5)
@@ -133,6 +114,63 @@ impl Jets {
     fn quantile(&self, share: f64) -> f64 {
         quantile(&mut self.errors.clone(), share)
     }
+}
+
+/// One quadric through the nearest points of each: where points are many, slopes need no more.
+pub(super) struct Quadrics(Vec<Option<Fit>>);
+
+impl Quadrics {
+    /// Quadrics around `points` near the oriented unit `normals`.
+    pub(super) fn new(points: &[Vec3], normals: &[Vec3], neighbours: &Neighbourhoods) -> Self {
+        Self(neighbours.map(|i| quadric(points, normals, neighbours, i)))
+    }
+
+    /// The same, made again only around the points `at`.
+    pub(super) fn again(
+        &self,
+        points: &[Vec3],
+        normals: &[Vec3],
+        (neighbours, at): (&Neighbourhoods, &[bool]),
+    ) -> Self {
+        Self(neighbours.map(|i| {
+            if at[i] {
+                quadric(points, normals, neighbours, i)
+            } else {
+                self.0[i]
+            }
+        }))
+    }
+
+    /// Their normals, and the given ones where there is no quadric.
+    pub(super) fn normals(&self, mut normals: Vec<Vec3>) -> Vec<Vec3> {
+        for (normal, fit) in normals.iter_mut().zip(&self.0) {
+            *normal = fit.map_or(*normal, |fit| fit.normal);
+        }
+        normals
+    }
+
+    /// Standard deviation of the points from the surface, as [`Jets::noise`] tells it.
+    pub(super) fn noise(&self, neighbours: &Neighbourhoods) -> f64 {
+        let errors = neighbours.map(|i| {
+            let pool = iter::once(i).chain(neighbours.of(i).take(POOLED));
+            root_mean_square(pool.filter_map(|j| self.0[j].map(|fit| fit.error)))
+        });
+        let mut errors: Vec<f64> = errors.into_iter().flatten().collect();
+        NOISE_FACTOR * quantile(&mut errors, NOISE_QUANTILE)
+    }
+}
+
+fn quadric(
+    points: &[Vec3],
+    normals: &[Vec3],
+    neighbours: &Neighbourhoods,
+    i: usize,
+) -> Option<Fit> {
+    fit(
+        &same_sheet(points, normals, neighbours, i),
+        normals[i],
+        DEGREES[1],
+    )
 }
 
 /// `point` moved onto the quadric through the ends of `arms` from it, nearest first, seen along `normal`; and the

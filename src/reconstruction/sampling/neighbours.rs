@@ -134,29 +134,37 @@ impl Neighbourhoods {
         self.map(|i| spacing(self.of(i).map(|j| distance(points[i], points[j]))))
     }
 
+    /// Which points are marked or have a neighbour that is.
+    pub(super) fn beside(&self, marked: &[bool]) -> Vec<bool> {
+        self.map(|i| marked[i] || self.of(i).any(|j| marked[j]))
+    }
+
     /// Area of the surface that each point stands for: its Voronoi cell among its neighbours in
     /// the tangent plane.
     ///
     /// Neighbours whose normal points the other way belong to the far side of a thin part and are
     /// left out. The others are projected, so that noise along the normal adds no area.
     pub fn areas(&self, points: &[Vec3], normals: &[Vec3], spacings: &[f64]) -> Vec<f64> {
-        self.map(|i| {
-            let (u, v) = tangents(normals[i]);
-            let reach = CELL_REACH * spacings[i];
-            let mut cell = vec![
-                [-reach, -reach],
-                [reach, -reach],
-                [reach, reach],
-                [-reach, reach],
-            ];
-            let mut clipped = Vec::with_capacity(cell.len() + 4);
-            for j in self.of(i).filter(|&j| dot(normals[i], normals[j]) > 0.0) {
-                let edge = sub(points[j], points[i]);
-                clip(&cell, [dot(edge, u), dot(edge, v)], &mut clipped);
-                std::mem::swap(&mut cell, &mut clipped);
-            }
-            area(&cell)
-        })
+        self.map(|i| self.area(i, points, normals, spacings[i]))
+    }
+
+    /// That of point `i`, where the points are so far apart.
+    pub(super) fn area(&self, i: usize, points: &[Vec3], normals: &[Vec3], spacing: f64) -> f64 {
+        let (u, v) = tangents(normals[i]);
+        let reach = CELL_REACH * spacing;
+        let mut cell = vec![
+            [-reach, -reach],
+            [reach, -reach],
+            [reach, reach],
+            [-reach, reach],
+        ];
+        let mut clipped = Vec::with_capacity(cell.len() + 4);
+        for j in self.of(i).filter(|&j| dot(normals[i], normals[j]) > 0.0) {
+            let edge = sub(points[j], points[i]);
+            clip(&cell, [dot(edge, u), dot(edge, v)], &mut clipped);
+            std::mem::swap(&mut cell, &mut clipped);
+        }
+        area(&cell)
     }
 }
 

@@ -37,6 +37,8 @@ pub struct Normals {
     pub source: NormalSource,
     /// Standard deviation of the points from the surface.
     pub noise: f64,
+    /// Areas that the points stand for, where they were worked out on the way.
+    pub(super) areas: Option<Vec<f64>>,
 }
 
 /// Outward unit normals of `points`: the `given` ones where they can be used.
@@ -68,6 +70,7 @@ pub fn normals(
             directions: estimated.normals,
             source: NormalSource::Estimated,
             noise: estimated.noise,
+            areas: estimated.areas,
         };
     }
     if missing > 0 {

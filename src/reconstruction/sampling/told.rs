@@ -65,10 +65,13 @@ impl Told {
         (tree, near): (&Tree, Neighbourhoods),
         warnings: &mut Vec<Warning>,
     ) -> Self {
-        let normals = normals(points, given, tree, &near, warnings);
+        let mut normals = normals(points, given, tree, &near, warnings);
         let spacings = near.spacings(points);
         Self {
-            areas: near.areas(points, &normals.directions, &spacings),
+            areas: normals
+                .areas
+                .take()
+                .unwrap_or_else(|| near.areas(points, &normals.directions, &spacings)),
             near,
             normals,
             spacings,

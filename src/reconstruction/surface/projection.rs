@@ -6,6 +6,8 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 use super::marching_cubes::Contour;
 use super::samples::BATCH;
 use super::sparse::PROGRESS;
@@ -142,22 +144,19 @@ impl Vertices {
 fn undo_reversals(positions: &mut [Vec3], contour: &Contour) -> Vec<usize> {
     let mut undone = vec![false; positions.len()];
     loop {
-        let mut again = false;
-        for triangle in &contour.triangles {
-            let before = area(&contour.vertices, *triangle);
-            if dot(before, area(positions, *triangle)) > 0.0 {
-                continue;
-            }
-            for v in triangle.map(|v| v as usize) {
-                if !undone[v] {
-                    undone[v] = true;
-                    again = true;
-                    positions[v] = contour.vertices[v];
-                }
-            }
-        }
-        if !again {
+        let is_reversed = |triangle: &&[u32; 3]| {
+            let before = area(&contour.vertices, **triangle);
+            dot(before, area(positions, **triangle)) <= 0.0
+                && triangle.iter().any(|&v| !undone[v as usize])
+        };
+        let triangles = contour.triangles.par_iter();
+        let reversed: Vec<[u32; 3]> = triangles.filter(is_reversed).copied().collect();
+        if reversed.is_empty() {
             return (0..undone.len()).filter(|&v| undone[v]).collect();
+        }
+        for v in reversed.into_iter().flatten() {
+            undone[v as usize] = true;
+            positions[v as usize] = contour.vertices[v as usize];
         }
     }
 }
@@ -173,15 +172,16 @@ fn normals(mut gradients: Vec<Vec3>, positions: &[Vec3], contour: &Contour) -> V
     for cap in &contour.caps {
         gradients[*cap as usize] = [0.0; 3];
     }
-    // Vertices without a normal of their own.
-    let mut around: BTreeMap<usize, Vec3> = BTreeMap::new();
-    for (v, gradient) in gradients.iter_mut().enumerate() {
-        if let Some(normal) = normalized(scale(*gradient, -1.0)) {
-            *gradient = normal;
-        } else {
-            around.insert(v, [0.0; 3]);
-        }
-    }
+    let without: Vec<usize> = gradients
+        .par_iter_mut()
+        .enumerate()
+        .filter_map(|(v, gradient)| {
+            let normal = normalized(scale(*gradient, -1.0));
+            *gradient = normal.unwrap_or_default();
+            normal.is_none().then_some(v)
+        })
+        .collect();
+    let mut around: BTreeMap<usize, Vec3> = without.into_iter().map(|v| (v, [0.0; 3])).collect();
     if !around.is_empty() {
         for triangle in &contour.triangles {
             let area = area(positions, *triangle);

@@ -19,8 +19,11 @@ const LONGEST: f64 = 1.8;
 /// Most times that an edge is halved.
 const ROUNDS: usize = 5;
 
-/// Edges of which detail is asked for at a time, which bounds the memory beside what is kept of them.
-const AT_A_TIME: usize = 1 << 18;
+/// Triangles that are looked at between two questions whether to stop.
+const AT_A_TIME: usize = 1 << 20;
+
+/// Triangles of whose edges a thread asks at a time.
+const PIECE: usize = 1 << 10;
 
 /// Splits the triangles of `contour` until their edges are short enough for the detail of `field`.
 ///
@@ -34,13 +37,20 @@ pub(super) fn refine(
     let Some(finest) = field.finest_detail() else {
         return Ok(());
     };
+    // Edges between vertices before it are short enough.
+    let mut first_new = 0;
     for _ in 0..ROUNDS {
         let mut edges = Vec::new();
-        for some in longer(contour, LONGEST * finest).chunks(AT_A_TIME) {
+        for some in contour.triangles.chunks(AT_A_TIME) {
             if (request.cancelled)() {
                 return Err(Error::Cancelled);
             }
-            edges.extend(too_long(field, &contour.vertices, some));
+            let pieces = some.par_chunks(PIECE);
+            edges.par_extend(pieces.flat_map_iter(|triangles| {
+                let edges = longer(contour, triangles, LONGEST * finest);
+                let new = edges.filter(|[_, last]| *last >= first_new);
+                too_long(field, &contour.vertices, new.collect())
+            }));
         }
         if edges.is_empty() {
             return Ok(());
@@ -51,6 +61,8 @@ pub(super) fn refine(
                 limit: request.max_triangles,
             });
         }
+        edges.par_sort_unstable();
+        first_new = contour.vertices.len() as u32;
         split(contour, &edges);
     }
     Ok(())
@@ -59,34 +71,36 @@ pub(super) fn refine(
 /// The ends of an edge, the lower number first.
 type Edge = [u32; 2];
 
-/// The edges of `contour` that are longer than `length`, ascending. Those of caps are none: they stay where they are.
-fn longer(contour: &Contour, length: f64) -> Vec<Edge> {
+/// The edges of `triangles` of `contour` that are longer than `length`, each of one of its two triangles. Those of caps
+/// are none: they stay where they are.
+fn longer<'a>(
+    contour: &'a Contour,
+    triangles: &'a [[u32; 3]],
+    length: f64,
+) -> impl Iterator<Item = Edge> + 'a {
     let at = |v: u32| contour.vertices[v as usize];
     let is_cap = |v: u32| contour.caps.binary_search(&v).is_ok();
-    let mut edges: Vec<Edge> = contour
-        .triangles
-        .par_iter()
-        .flat_map_iter(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+    triangles
+        .iter()
+        .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
         // Each edge runs upwards in one of its two triangles.
-        .filter(|&[from, to]| from < to && distance(at(from), at(to)) > length)
-        .filter(|&[from, to]| !is_cap(from) && !is_cap(to))
-        .collect();
-    edges.par_sort_unstable();
-    edges
+        .filter(move |&[from, to]| from < to && distance(at(from), at(to)) > length)
+        .filter(move |&[from, to]| !is_cap(from) && !is_cap(to))
 }
 
 /// Those of `edges` that are too long for the detail at their middles.
-fn too_long(field: &dyn Field, vertices: &[Vec3], edges: &[Edge]) -> Vec<Edge> {
+fn too_long(field: &dyn Field, vertices: &[Vec3], mut edges: Vec<Edge>) -> Vec<Edge> {
     let middles: Vec<Vec3> = edges.iter().map(|edge| middle(vertices, *edge)).collect();
     let mut detail = vec![f64::INFINITY; middles.len()];
     field.detail(&middles, &mut detail);
-    let asked = edges.iter().zip(detail);
-    asked
-        .filter(|([a, b], detail)| {
-            distance(vertices[*a as usize], vertices[*b as usize]) > LONGEST * detail
-        })
-        .map(|(edge, _)| *edge)
-        .collect()
+    let mut detail = detail.into_iter();
+    edges.retain(|[a, b]| {
+        let ends = [*a, *b].map(|v| vertices[v as usize]);
+        detail
+            .next()
+            .is_some_and(|detail| distance(ends[0], ends[1]) > LONGEST * detail)
+    });
+    edges
 }
 
 fn middle(vertices: &[Vec3], [a, b]: Edge) -> Vec3 {
@@ -97,15 +111,24 @@ fn middle(vertices: &[Vec3], [a, b]: Edge) -> Vec3 {
 /// Halves `edges`, which ascend, in all triangles that have them.
 fn split(contour: &mut Contour, edges: &[Edge]) {
     let first = contour.vertices.len() as u32;
-    let middles: Vec<Vec3> = edges
-        .iter()
-        .map(|edge| middle(&contour.vertices, *edge))
-        .collect();
+    // Where the edges from each vertex begin.
+    let mut begins = vec![0; contour.vertices.len() + 1];
+    for [from, _] in edges {
+        begins[*from as usize + 1] += 1;
+    }
+    for v in 1..begins.len() {
+        begins[v] += begins[v - 1];
+    }
+    let middles = edges.iter().map(|edge| middle(&contour.vertices, *edge));
+    let middles: Vec<Vec3> = middles.collect();
     contour.vertices.extend(middles);
     let vertices = &contour.vertices;
     let halved = |a: u32, b: u32| {
-        let place = edges.binary_search(&[a.min(b), a.max(b)]).ok()?;
-        Some(first + place as u32)
+        let (from, to) = (a.min(b), a.max(b));
+        let begin = begins[from as usize];
+        let of_vertex = &edges[begin..begins[from as usize + 1]];
+        let place = of_vertex.iter().position(|edge| edge[1] == to)?;
+        Some(first + (begin + place) as u32)
     };
     contour.triangles = contour
         .triangles

@@ -5,12 +5,12 @@ use rayon::prelude::*;
 use super::contradiction::contradiction;
 use super::{CLEARLY_LESS, CONTRADICTS, Estimated, MANY, ROUGH, orient, refined, spanning};
 use crate::reconstruction::random::{Purpose, stream};
-use crate::reconstruction::sampling::jets::Jets;
+use crate::reconstruction::sampling::jets::Quadrics;
 use crate::reconstruction::sampling::neighbours::{Neighbourhoods, Tree, median};
 use crate::reconstruction::sampling::normals::{estimate, plane, shared};
 use crate::reconstruction::sampling::selection::{even_subset, pick};
 use crate::reconstruction::sampling::winding::Oriented;
-use crate::reconstruction::vector::{Vec3, dot};
+use crate::reconstruction::vector::{Vec3, bits, dot};
 
 /// Points of the subset around a place that tell its side, where none of them has a neighbour of another direction.
 /// This and [`BENT`] were chosen on a horse of 100,000 points (38 of them got a wrong side, of 85 that follow the
@@ -53,28 +53,27 @@ impl<'a> Many<'a> {
         let tree = Tree::new(&self.some);
         let near = Neighbourhoods::new(&tree, &self.some, self.neighbours.count());
         let coarse = orient(&self.some, &tree, &near);
-        let followed = self.refine(shared(self.points, &tree, &coarse.normals), coarse.noise);
-        let mut contradicted = self.contradiction(&followed.normals);
-        let mut best = followed;
-        if !self.is_rough(coarse.noise)
+        let mut best = self.judged(shared(self.points, &tree, &coarse.normals), coarse.noise);
+        if let Some(quadrics) = &best.quadrics
             && let Some(grown) = self.grown(&best.normals, &tree, &bends(&coarse.normals, &near))
         {
-            let grown = self.refine(grown, coarse.noise);
-            let less = self.contradiction(&grown.normals);
-            if CLEARLY_LESS * less < contradicted {
-                (best, contradicted) = (grown, less);
+            let grown = self.judged_again(&best, quadrics, grown);
+            if CLEARLY_LESS * grown.contradiction < best.contradiction {
+                best = grown;
             }
         }
-        if contradicted < CONTRADICTS {
-            return best;
+        if best.contradiction >= CONTRADICTS {
+            let flat = estimate(self.points, self.tree, self.neighbours.count());
+            let spanned = spanning::propagated(self.points, &flat, self.neighbours);
+            let spanned = self.judged(spanned, coarse.noise);
+            if spanned.contradiction < CLEARLY_LESS * best.contradiction {
+                best = spanned;
+            }
         }
-        let flat = estimate(self.points, self.tree, self.neighbours.count());
-        let spanned = spanning::propagated(self.points, &flat, self.neighbours);
-        let spanned = self.refine(spanned, coarse.noise);
-        if self.contradiction(&spanned.normals) < CLEARLY_LESS * contradicted {
-            spanned
-        } else {
-            best
+        Estimated {
+            noise: self.least_noise(best.quadrics.as_ref(), coarse.noise),
+            normals: best.normals,
+            areas: Some(best.areas),
         }
     }
 
@@ -109,40 +108,98 @@ impl<'a> Many<'a> {
         let tree = Tree::new(&self.some);
         let near = Neighbourhoods::new(&tree, &self.some, self.neighbours.count());
         let coarse = refined(&self.some, &pick(normals, &self.chosen), &tree, &near);
-        if self.is_rough(coarse.noise) {
-            return Estimated {
-                normals: shared(self.points, &tree, &coarse.normals),
-                noise: coarse.noise,
-            };
+        let (normals, quadrics) = if self.is_rough(coarse.noise) {
+            (shared(self.points, &tree, &coarse.normals), None)
+        } else {
+            self.followed(normals.to_vec(), coarse.noise)
+        };
+        Estimated {
+            normals,
+            noise: self.least_noise(quadrics.as_ref(), coarse.noise),
+            areas: None,
         }
-        self.refine(normals.to_vec(), coarse.noise)
     }
 
-    /// Directions near those of `normals`, where noise leaves any to be found; and the least noise that is seen.
-    fn refine(&self, normals: Vec<Vec3>, noise: f64) -> Estimated {
+    /// Directions near those of `normals`, where noise leaves any to be found, and the quadrics that they are from.
+    fn followed(&self, normals: Vec<Vec3>, noise: f64) -> (Vec<Vec3>, Option<Quadrics>) {
         if self.is_rough(noise) {
-            return Estimated { normals, noise };
+            return (normals, None);
         }
-        let jets = Jets::nearest(self.points, &normals, self.neighbours);
-        Estimated {
-            noise: noise.min(jets.noise()),
-            normals: jets.normals,
-        }
+        let quadrics = Quadrics::new(self.points, &normals, self.neighbours);
+        (quadrics.normals(normals), Some(quadrics))
+    }
+
+    /// The least noise that is seen.
+    fn least_noise(&self, quadrics: Option<&Quadrics>, noise: f64) -> f64 {
+        let of_quadrics = quadrics.map(|quadrics| quadrics.noise(self.neighbours));
+        of_quadrics.map_or(noise, |found| noise.min(found))
     }
 
     fn is_rough(&self, noise: f64) -> bool {
         noise > ROUGH * median(&mut self.spacings.clone())
     }
 
-    fn contradiction(&self, normals: &[Vec3]) -> f64 {
+    /// What becomes of `normals`, and how far that contradicts itself.
+    fn judged(&self, normals: Vec<Vec3>, noise: f64) -> Judged {
+        let (normals, quadrics) = self.followed(normals, noise);
+        let areas = self.neighbours.areas(self.points, &normals, &self.spacings);
+        Judged {
+            contradiction: self.contradiction(&normals, &areas),
+            normals,
+            quadrics,
+            areas,
+        }
+    }
+
+    /// The same of `normals` of which most are those of `before`, with its `quadrics`: what is told of a point and its
+    /// neighbours is worked out again where one of these has got another normal.
+    fn judged_again(&self, before: &Judged, quadrics: &Quadrics, normals: Vec<Vec3>) -> Judged {
+        let (points, neighbours) = (self.points, self.neighbours);
+        let differing = |normals: &[Vec3]| -> Vec<bool> {
+            let both = normals.par_iter().zip(&before.normals);
+            neighbours.beside(
+                &both
+                    .map(|(now, then)| bits(*now) != bits(*then))
+                    .collect::<Vec<_>>(),
+            )
+        };
+        let quadrics = quadrics.again(points, &normals, (neighbours, &differing(&normals)));
+        let normals = quadrics.normals(normals);
+        let differing = differing(&normals);
+        let areas = neighbours.map(|i| {
+            if differing[i] {
+                neighbours.area(i, points, &normals, self.spacings[i])
+            } else {
+                before.areas[i]
+            }
+        });
+        Judged {
+            contradiction: self.contradiction(&normals, &areas),
+            normals,
+            quadrics: Some(quadrics),
+            areas,
+        }
+    }
+
+    fn contradiction(&self, normals: &[Vec3], areas: &[f64]) -> f64 {
         contradiction(Oriented {
             points: self.points,
             normals,
-            areas: &self.neighbours.areas(self.points, normals, &self.spacings),
+            areas,
             spacings: &self.spacings,
         })
         .closed
     }
+}
+
+/// Outward unit normals, and what they tell.
+struct Judged {
+    normals: Vec<Vec3>,
+    /// What their directions are from; none where the points are rough.
+    quadrics: Option<Quadrics>,
+    /// Areas that the points stand for.
+    areas: Vec<f64>,
+    contradiction: f64,
 }
 
 /// Which points have a neighbour whose normal has another direction: folds, edges and parts that nearly touch.

@@ -75,6 +75,8 @@ pub struct Estimated {
     pub normals: Vec<Vec3>,
     /// Standard deviation of the points from the surface.
     pub noise: f64,
+    /// Areas that the points stand for, where they were worked out on the way.
+    pub areas: Option<Vec<f64>>,
 }
 
 /// Outward unit normals of `points`.
@@ -119,6 +121,7 @@ impl From<Jets> for Estimated {
         Self {
             noise: jets.noise(),
             normals: jets.normals,
+            areas: None,
         }
     }
 }
