@@ -78,11 +78,12 @@ impl<'a> Mesher<'a> {
         )?;
         let mut report = SurfaceReport::new(&extraction, &self.prepared.frame);
         let reach = SUPPORT_REACH * self.prepared.spacing.max(extraction.grid.spacing);
-        let (mut mesh, dropped) = keep_components(
-            extraction.mesh,
-            settings.components,
-            &self.surface_points,
-            reach,
+        let points: Vec<Vec3> = self.prepared.measured(self.cloud).collect();
+        let (which, supporting) = (settings.components, &self.surface_points);
+        // Either is work for one thread.
+        let ((mut mesh, dropped), tree) = rayon::join(
+            || keep_components(extraction.mesh, which, supporting, reach),
+            || PointTree::new(&points),
         );
         if mesh.triangles.is_empty() {
             return Err(Error::NoSurface(
@@ -95,8 +96,7 @@ impl<'a> Mesher<'a> {
         for vertex in &mut mesh.vertices {
             *vertex = self.prepared.frame.to_world(*vertex);
         }
-        let points: Vec<Vec3> = self.prepared.measured(self.cloud).collect();
-        if let Some(tree) = PointTree::new(&points) {
+        if let Some(tree) = tree {
             let reach = self.prepared.frame.length_to_world(reach);
             mesh.distance_to_points = tree.distances(&mesh.vertices);
             report.supported(&mesh, reach);

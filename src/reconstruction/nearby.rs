@@ -16,6 +16,11 @@ const FEW: usize = 1 << 15;
 /// Places that are worked at before their results are put in their places.
 const AT_A_TIME: usize = 1 << 16;
 
+/// Whether the order of so many places matters to the cache.
+pub(super) fn is_many(places: usize) -> bool {
+    places >= FEW
+}
+
 /// Numbers of the places along the Z-shaped curve of Morton, with their places on it; those at the same place of it by
 /// their numbers.
 pub(super) fn morton_order(places: &[Vec3]) -> Vec<(u64, u32)> {
@@ -77,7 +82,7 @@ impl Walk {
 
     /// A walk on these threads: for the calling one alone, places are few.
     pub(super) fn on(threads: Threads, places: &[Vec3]) -> Self {
-        let order = if threads == Threads::Caller || places.len() < FEW {
+        let order = if threads == Threads::Caller || !is_many(places.len()) {
             (0..places.len() as u32).collect()
         } else {
             morton_order(places).into_iter().map(|(_, i)| i).collect()

@@ -1,7 +1,13 @@
 //! Size of a mesh: bounds, area, volume; and the choice of components.
 
+use rayon::prelude::*;
+
 use super::TriangleMesh;
 use crate::reconstruction::vector::{Bounds, Vec3, cross, dot, norm, scale, sub};
+
+/// Triangles that a thread adds up at a time. Sums of them are added in their order, so that the result is the same with
+/// any number of threads.
+const PIECE: usize = 1 << 16;
 
 impl TriangleMesh {
     /// Positions of the three vertices of triangle `t`.
@@ -25,15 +31,33 @@ impl TriangleMesh {
         if self.triangles.is_empty() {
             return Bounds::of(&self.vertices);
         }
-        let used = self.triangles.iter().flatten();
-        Bounds::of(used.map(|&v| &self.vertices[v as usize]))
+        let around = |triangles: &[[u32; 3]]| {
+            let used = triangles.as_flattened().iter();
+            Bounds::of(used.map(|&v| &self.vertices[v as usize]))
+        };
+        let pieces = self.triangles.par_chunks(PIECE).filter_map(around);
+        let corners: Vec<[Vec3; 2]> = pieces.map(|piece| [piece.min, piece.max]).collect();
+        Bounds::of(corners.as_flattened())
+    }
+
+    /// Sum of what each triangle adds, on all threads.
+    fn sum<const N: usize>(&self, of: impl Fn(usize) -> [f64; N] + Sync) -> [f64; N] {
+        let add = |sum: [f64; N], more: [f64; N]| std::array::from_fn(|k| sum[k] + more[k]);
+        let count = self.triangles.len();
+        let pieces: Vec<[f64; N]> = (0..count.div_ceil(PIECE))
+            .into_par_iter()
+            .map(|piece| {
+                let triangles = piece * PIECE..count.min((piece + 1) * PIECE);
+                triangles.map(&of).fold([0.0; N], add)
+            })
+            .collect();
+        pieces.into_iter().fold([0.0; N], add)
     }
 
     /// Sum of the areas of all triangles.
     pub fn area(&self) -> f64 {
-        (0..self.triangles.len())
-            .map(|t| self.triangle_area(t))
-            .sum()
+        let [area] = self.sum(|t| [self.triangle_area(t)]);
+        area
     }
 
     /// Share of the area further than `reach` from the points that the mesh was made of, by
@@ -44,13 +68,11 @@ impl TriangleMesh {
             let distance = self.distance_to_points.get(v as usize);
             distance.is_some_and(|distance| *distance > reach)
         };
-        let (mut all, mut far) = (0.0, 0.0);
-        for (t, triangle) in self.triangles.iter().enumerate() {
+        let [all, far] = self.sum(|t| {
             let area = self.triangle_area(t);
-            let corners = triangle.iter().filter(|v| beyond(**v)).count();
-            all += area;
-            far += area * corners as f64 / 3.0;
-        }
+            let corners = self.triangles[t].iter().filter(|v| beyond(**v)).count();
+            [area, area * corners as f64 / 3.0]
+        });
         if all > 0.0 { far / all } else { 0.0 }
     }
 
@@ -62,12 +84,10 @@ impl TriangleMesh {
         let Some(centre) = self.bounds().map(|bounds| bounds.centre()) else {
             return 0.0;
         };
-        let six_volumes: f64 = (0..self.triangles.len())
-            .map(|t| {
-                let [a, b, c] = self.corners(t).map(|v| sub(v, centre));
-                dot(a, cross(b, c))
-            })
-            .sum();
+        let [six_volumes] = self.sum(|t| {
+            let [a, b, c] = self.corners(t).map(|v| sub(v, centre));
+            [dot(a, cross(b, c))]
+        });
         six_volumes / 6.0
     }
 

@@ -6,7 +6,7 @@
 
 use std::borrow::Cow;
 
-use rayon::slice::ParallelSliceMut;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::TriangleMesh;
@@ -69,6 +69,7 @@ impl Topology {
             non_manifold_edges: edges.non_manifold,
             non_manifold_vertices,
             degenerate_triangles: (0..mesh.triangles.len())
+                .into_par_iter()
                 .filter(|&t| mesh.triangle_area(t) <= 0.0)
                 .count(),
             euler_characteristic,
@@ -142,8 +143,8 @@ struct HalfEdge {
     corner: u32,
 }
 
-/// Half-edges that are sorted at a time: 32 MB.
-const SORTED: usize = 1 << 21;
+/// Half-edges that are sorted at a time: 64 MB.
+const SORTED: usize = 1 << 22;
 
 /// Calls `each` with the half-edges of every edge, sorted; edges in the order of their ends.
 fn for_each_edge(triangles: &[[u32; 3]], vertices: usize, mut each: impl FnMut(&[HalfEdge])) {
@@ -153,7 +154,7 @@ fn for_each_edge(triangles: &[[u32; 3]], vertices: usize, mut each: impl FnMut(&
         // Edges belong to the part of their smaller end.
         let [first, end] = [part, part + 1].map(|part| (vertices * part / parts) as u64);
         sorted.clear();
-        sorted.extend(half_edges(triangles).filter(|half| {
+        sorted.par_extend(half_edges(triangles).filter(|half| {
             let smaller = half.ends >> 32;
             first <= smaller && smaller < end
         }));
@@ -164,14 +165,14 @@ fn for_each_edge(triangles: &[[u32; 3]], vertices: usize, mut each: impl FnMut(&
     }
 }
 
-fn half_edges(triangles: &[[u32; 3]]) -> impl Iterator<Item = HalfEdge> {
-    let first_corners = (0u32..).step_by(3);
-    triangles.iter().zip(first_corners).flat_map(|(t, first)| {
+fn half_edges(triangles: &[[u32; 3]]) -> impl ParallelIterator<Item = HalfEdge> {
+    let numbered = triangles.par_iter().enumerate();
+    numbered.flat_map_iter(|(t, triangle)| {
         (0..3).map(move |k| {
-            let (a, b) = (t[k], t[(k + 1) % 3]);
+            let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
             HalfEdge {
                 ends: u64::from(a.min(b)) << 32 | u64::from(a.max(b)),
-                corner: first + k as u32,
+                corner: (3 * t + k) as u32,
             }
         })
     })

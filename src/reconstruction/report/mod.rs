@@ -246,8 +246,11 @@ impl Report {
         let settings = plan.settings;
         let trained_on = prepared.surface.len();
         let points = used_points(cloud, prepared);
-        let described = quality::describe(mesh);
-        let judge = Judge::new(mesh, &points, settings.training.seed);
+        // Parts of either are work for one thread.
+        let (described, judge) = rayon::join(
+            || quality::describe(mesh),
+            || Judge::new(mesh, &points, settings.training.seed),
+        );
         let surface_points: Vec<Vec3> = prepared.measured(cloud).collect();
         let compare = |those| judge.as_ref()?.compare(those, &surface_points);
         let normal_agreement = cloud.normals.as_ref().and_then(|normals| {

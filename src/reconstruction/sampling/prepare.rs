@@ -8,7 +8,7 @@ use super::oriented::{Located, OrientedSurface};
 use super::samples::{Grading, Sampler};
 use super::selection::{Split, even_subset, pick};
 use super::uncertainty::{Uncertainty, believed_noise};
-use super::working::working_points;
+use super::working::Working;
 use super::{Counts, Prepared, Samples};
 use crate::reconstruction::cloud::{self, Label, PointCloud};
 use crate::reconstruction::error::Error;
@@ -219,7 +219,12 @@ impl<'a> Scene<'a> {
         choice: &mut Generator,
         warnings: &mut Vec<Warning>,
     ) -> Result<Self, Error> {
-        let (indices, strays) = working_points(cloud, settings, choice, warnings)?;
+        let neighbours = settings.sampling.neighbours.max(SPACING_NEIGHBOURS);
+        let Working {
+            indices,
+            strays,
+            near,
+        } = Working::new(cloud, (settings, neighbours), choice, warnings)?;
         let given = pick(&cloud.points, &indices);
         let box_of = |points: &[Vec3]| Bounds::of(points).ok_or(cloud::Error::Empty);
         let normalized = Frame::normalized(&box_of(&given)?, settings.sampling.half_extent)
@@ -233,8 +238,8 @@ impl<'a> Scene<'a> {
         let band = settings.sampling.band * bounds.diagonal();
         let generated = settings.sampling.off_surface == OffSurface::Generated;
         let tree = Tree::new(&points);
-        let neighbours = settings.sampling.neighbours.max(SPACING_NEIGHBOURS);
-        let near = generated.then(|| Neighbourhoods::new(&tree, &points, neighbours));
+        let near = generated
+            .then(|| near.unwrap_or_else(|| Neighbourhoods::new(&tree, &points, neighbours)));
         let spacing = near
             .as_ref()
             .map(|near| median(&mut near.spacings(&points)));

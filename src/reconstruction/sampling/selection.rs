@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use rand::RngExt;
 
-use crate::reconstruction::nearby::morton_order;
+use crate::reconstruction::nearby::{is_many, morton_order};
 use crate::reconstruction::random::Generator;
 use crate::reconstruction::vector::{Vec3, bits};
 
@@ -83,7 +83,8 @@ pub fn even_subset(points: &[Vec3], count: usize, random: &mut Generator) -> Vec
     chosen
 }
 
-/// Those of `indices` whose point has not come before in the list.
+/// Those of `indices` whose point has not come before in the list. Many are in an order in which neighbours follow each
+/// other: what is worked out of neighbours finds them in the cache of the processor then.
 pub fn distinct(points: &[Vec3], indices: &[usize]) -> Vec<usize> {
     let points = pick(points, indices);
     let order = morton_order(&points);
@@ -96,10 +97,17 @@ pub fn distinct(points: &[Vec3], indices: &[usize]) -> Vec<usize> {
             repeats[i as usize] = !seen.insert(bits(points[i as usize]));
         }
     }
-    let kept = indices.iter().zip(repeats);
-    kept.filter(|(_, repeats)| !repeats)
-        .map(|(i, _)| *i)
-        .collect()
+    let is_kept = |i: &usize| !repeats[*i];
+    let kept: Vec<usize> = if is_many(points.len()) {
+        order
+            .iter()
+            .map(|&(_, i)| i as usize)
+            .filter(is_kept)
+            .collect()
+    } else {
+        (0..points.len()).filter(is_kept).collect()
+    };
+    pick(indices, &kept)
 }
 
 /// Those of `items` at `positions`.

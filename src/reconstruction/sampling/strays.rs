@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::evenness::even_scale;
 use super::neighbours::{Neighbourhoods, Tree, median};
 use super::selection::pick;
+use crate::reconstruction::nearby::is_many;
 use crate::reconstruction::symmetric::{covariance, eigen};
 use crate::reconstruction::vector::{Vec3, add, distance, dot, norm, sub};
 
@@ -42,30 +43,35 @@ const FEW: usize = 64;
 /// Where more than this share seems to be strays, the surface is not understood and all points are kept.
 const MOST: f64 = 0.2;
 
-/// Positions in `points`, all different, of strays; ascending.
-pub(super) fn strays(points: &[Vec3]) -> Vec<usize> {
+/// Positions in `points`, all different, of strays; ascending. Of many even points also the neighbours of each, so many
+/// as are wanted or more.
+pub(super) fn strays(points: &[Vec3], wanted: usize) -> (Vec<usize>, Option<Neighbourhoods>) {
     let tree = Tree::new(points);
     let Some(even) = even_scale(points, &tree, 0.0) else {
-        return of_even(points, &tree);
+        let is_many = is_many(points.len());
+        let count = if is_many { NEAR.max(wanted) } else { NEAR };
+        let near = Neighbourhoods::new(&tree, points, count);
+        return (of_even(points, &near), is_many.then_some(near));
     };
     // A point of a slice goes with the nearest one of the even subset.
     let some: Vec<Vec3> = even.iter().map(|&i| points[i]).collect();
     let tree = Tree::new(&some);
-    let strays = of_even(&some, &tree);
+    let strays = of_even(&some, &Neighbourhoods::new(&tree, &some, NEAR));
     let goes = |p: &Vec3| strays.binary_search(&tree.nearest(*p).0).is_ok();
-    (0..points.len()).filter(|&i| goes(&points[i])).collect()
+    let strays = (0..points.len()).filter(|&i| goes(&points[i]));
+    (strays.collect(), None)
 }
 
-fn of_even(points: &[Vec3], tree: &Tree) -> Vec<usize> {
-    let near = Neighbourhoods::new(tree, points, NEAR);
+/// The strays among even points, at least [`NEAR`] neighbours of which are known.
+fn of_even(points: &[Vec3], near: &Neighbourhoods) -> Vec<usize> {
     let spacings = near.spacings(points);
-    let kept = on_pieces(points, &near, &spacings);
+    let kept = on_pieces(points, near, &spacings);
     let base: Vec<usize> = (0..points.len()).filter(|&i| kept[i]).collect();
     // Where all are kept, their neighbours are known.
     let base_tree = (base.len() < points.len()).then(|| Tree::new(&pick(points, &base)));
     let around = |i: usize| -> Vec<(usize, f64)> {
         let Some(tree) = &base_tree else {
-            let near = near.of(i);
+            let near = near.of(i).take(NEAR);
             return near.map(|j| (j, distance(points[i], points[j]))).collect();
         };
         // Without the point itself.
@@ -123,7 +129,7 @@ fn scattered(points: &[Vec3], near: &Neighbourhoods, spacings: &[f64]) -> Vec<bo
     let wide = WIDE * median(&mut spacings.to_vec());
     (0..points.len())
         .into_par_iter()
-        .map(|i| spacings[i] > wide && spread(points, i, near.of(i)) > FILLS_SPACE)
+        .map(|i| spacings[i] > wide && spread(points, i, near.of(i).take(NEAR)) > FILLS_SPACE)
         .collect()
 }
 
@@ -145,7 +151,7 @@ fn pieces(
 ) -> Vec<Vec<usize>> {
     // Bit k of point i: it is tied to its neighbour k.
     let ties: Vec<u16> = near.map(|i| {
-        let others = near.of(i).enumerate().filter(|&(_, j)| {
+        let others = near.of(i).take(NEAR).enumerate().filter(|&(_, j)| {
             let reach = TIE * spacings[i].min(spacings[j]);
             let arm = sub(points[j], points[i]);
             !scattered[i] && !scattered[j] && dot(arm, arm) <= reach * reach
@@ -154,7 +160,7 @@ fn pieces(
     });
     let mut parents: Vec<u32> = (0..points.len() as u32).collect();
     for i in near.order() {
-        for (k, j) in near.of(i).enumerate() {
+        for (k, j) in near.of(i).take(NEAR).enumerate() {
             if ties[i] >> k & 1 == 1 {
                 let (a, b) = (root(&mut parents, i), root(&mut parents, j));
                 parents[a.max(b)] = a.min(b) as u32;
