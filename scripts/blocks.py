@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
 """A large cloud on one worker and on several: `make bench-blocks POINTS=5000000 WORKERS=2`.
 
-Workers are machines of their own, with THREADS threads each, beside one service. The cloud is a ball with bumps that
-one network cannot follow. Prints a table of seconds, by stage; the meshes must be the same, byte for byte.
+Workers are machines of their own, with THREADS threads each, beside one service. With CORE=0.5 each gets that much of a
+core, one alone as well as each of several (as root, by control groups): so four can be measured on two cores. The cloud
+is a ball with bumps that one network cannot follow, or the file CLOUD. Prints a table of seconds, by stage; the meshes
+must be the same, byte for byte.
 """
 
 import hashlib
@@ -37,6 +39,22 @@ def cloud(count):
     return bytes(points)
 
 
+def confine(process, name, core):
+    """Gives a process, and those that it starts, so much of a core."""
+    groups = Path("/sys/fs/cgroup")
+    old = groups / "cpu"
+    group = (old if old.is_dir() else groups) / f"meshway-{name}"
+    group.mkdir(exist_ok=True)
+    period, quota = 100_000, int(100_000 * core)
+    if old.is_dir():
+        (group / "cpu.cfs_period_us").write_text(str(period))
+        (group / "cpu.cfs_quota_us").write_text(str(quota))
+    else:
+        (groups / "cgroup.subtree_control").write_text("+cpu")
+        (group / "cpu.max").write_text(f"{quota} {period}")
+    (group / "cgroup.procs").write_text(str(process.pid))
+
+
 def run(folder, data, count, threads):
     """Seconds by stage with so many workers, shares that were fitted by helpers, and the hash of the mesh."""
     objects = os.environ["MESHWAY_TEST_OBJECTS"].replace("s3://tests", f"s3://tests/{count}-workers", 1)
@@ -44,6 +62,9 @@ def run(folder, data, count, threads):
     service = Service(folder / "service", objects, "--workers=0")
     flags = [objects, "--slots=1", f"--threads-per-worker={threads}"]
     workers = [Process(folder / f"worker-{k}", "worker", *flags) for k in range(count)]
+    if "CORE" in os.environ:
+        for k, worker in enumerate(workers):
+            confine(worker.process, k, float(os.environ["CORE"]))
     time.sleep(3)
     _, job = service.ask("POST", "/v1/jobs", data)
     path = f"/v1/jobs/{json.loads(job)['id']}"
@@ -64,8 +85,9 @@ def run(folder, data, count, threads):
 def main():
     points = int(os.environ.get("POINTS", "1000000"))
     many, threads = int(os.environ.get("WORKERS", "2")), os.environ.get("THREADS", "1")
-    data = cloud(points)
-    print(f"{points:,} points, {threads} thread(s) a worker\n")
+    data = Path(os.environ["CLOUD"]).read_bytes() if "CLOUD" in os.environ else cloud(points)
+    of_a_core = f", {os.environ['CORE']} of a core each" if "CORE" in os.environ else ""
+    print(f"{os.environ.get('CLOUD', f'{points:,} points')}, {threads} thread(s) a worker{of_a_core}\n")
     print("| workers | " + " | ".join(STAGES) + " | blocks | shares of helpers |\n" + "|---" * (len(STAGES) + 3) + "|")
     totals, meshes = [], set()
     server = os.environ["MESHWAY_TEST_DATABASE"]

@@ -9,15 +9,14 @@ use rayon::prelude::*;
 use super::block::{Block, rest};
 use super::lookup::Lookup;
 use crate::reconstruction::error::Error;
+use crate::reconstruction::nearby::Walk;
+use crate::reconstruction::sampling::selection::pick;
 use crate::reconstruction::settings::CoarseInput;
 use crate::reconstruction::surface::Field;
 use crate::reconstruction::vector::{Vec3, along, scale};
 
-/// Points that a network is asked about at a time: as many as engines take in one piece.
+/// Points that a thread works at: networks are asked about no more at a time than engines take in one piece.
 const PIECE: usize = 1024;
-
-/// Points whose blocks are looked up at a time.
-const LOOKED_UP: usize = 2048;
 
 /// The field below the blocks.
 pub(super) struct Coarse<'a> {
@@ -73,39 +72,33 @@ impl<'a> BlockField<'a> {
         }
     }
 
-    /// Which block holds which point, as pairs ordered by the block.
-    fn memberships(&self, points: &[Vec3]) -> Vec<(u32, u32)> {
-        let mut pairs: Vec<(u32, u32)> = points
-            .par_chunks(LOOKED_UP)
-            .enumerate()
-            .flat_map_iter(|(chunk, points)| {
-                let mut pairs = Vec::new();
-                for (i, q) in points.iter().enumerate() {
-                    let i = (chunk * LOOKED_UP + i) as u32;
-                    self.lookup.holding(*q, |k| pairs.push((k as u32, i)));
-                }
-                pairs
-            })
-            .collect();
-        pairs.par_sort_unstable();
-        pairs
-    }
-
     /// Sums of the blocks at each of `points`.
     fn sums(&self, points: &[Vec3], with_gradients: bool) -> Result<Vec<Sums>, Error> {
-        let pairs = self.memberships(points);
-        let pieces: Vec<&[(u32, u32)]> = pairs
-            .chunk_by(|a, b| a.0 == b.0)
-            .flat_map(|run| run.chunks(PIECE))
-            .collect();
-        let added = pieces
-            .par_iter()
+        // Neighbours lie in the same blocks, whose networks are asked about many points at once then.
+        let order: Vec<usize> = Walk::along(points).order().collect();
+        let found = order
+            .par_chunks(PIECE)
             .with_max_len(1)
-            .map(|piece| self.of_block(points, piece, with_gradients))
+            .map(|some| self.sums_of_some(&pick(points, some), with_gradients))
             .collect::<Result<Vec<_>, _>>()?;
         let mut sums = vec![Sums::default(); points.len()];
-        for (piece, added) in pieces.iter().zip(added) {
-            for ((_, i), added) in piece.iter().zip(&added) {
+        for (i, found) in order.into_iter().zip(found.into_iter().flatten()) {
+            sums[i] = found;
+        }
+        Ok(sums)
+    }
+
+    /// The same on the calling thread.
+    fn sums_of_some(&self, points: &[Vec3], with_gradients: bool) -> Result<Vec<Sums>, Error> {
+        // Which block holds which point.
+        let mut pairs: Vec<(u32, u32)> = Vec::new();
+        let found = |i, k| pairs.push((k as u32, i as u32));
+        self.lookup.holding_each(points, found);
+        pairs.sort_unstable();
+        let mut sums = vec![Sums::default(); points.len()];
+        for of_block in pairs.chunk_by(|a, b| a.0 == b.0) {
+            let added = self.of_block(points, of_block, with_gradients)?;
+            for ((_, i), added) in of_block.iter().zip(&added) {
                 sums[*i as usize].add(added);
             }
         }
@@ -222,13 +215,11 @@ impl Field for BlockField<'_> {
 
     /// The spacing of the points that a block was fitted to.
     fn detail(&self, points: &[Vec3], lengths: &mut [f64]) {
-        lengths
-            .par_iter_mut()
-            .zip(points)
-            .with_min_len(LOOKED_UP)
-            .for_each(|(length, q)| {
-                self.lookup.holding(*q, |k| {
-                    *length = length.min(self.parts[k].0.spacing());
+        let some = lengths.par_chunks_mut(PIECE);
+        some.zip(points.par_chunks(PIECE))
+            .for_each(|(lengths, points)| {
+                self.lookup.holding_each(points, |i, k| {
+                    lengths[i] = lengths[i].min(self.parts[k].0.spacing());
                 });
             });
     }

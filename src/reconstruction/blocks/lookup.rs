@@ -1,9 +1,13 @@
 //! Which of many overlapping boxes hold a place.
 
+use crate::reconstruction::sampling::neighbours::median;
 use crate::reconstruction::vector::{Bounds, Vec3};
 
 /// Boxes of a leaf.
 const LEAF: usize = 4;
+
+/// Places that are looked up together: as many as differ little, a cell of a grid being a fraction of a block.
+const TOGETHER: usize = 16;
 
 /// Most nodes that wait on the way through the tree: one a level, and each level halves what may be 2³² boxes.
 const DEEPEST: usize = 34;
@@ -15,6 +19,8 @@ pub(super) struct Lookup {
     boxes: Vec<Bounds>,
     order: Vec<u32>,
     nodes: Vec<Node>,
+    /// Median of the longest edges of the boxes.
+    median_edge: f64,
 }
 
 /// A box around some of the boxes.
@@ -30,7 +36,9 @@ struct Node {
 impl Lookup {
     /// A tree over these boxes.
     pub(super) fn new(boxes: Vec<Bounds>) -> Self {
+        let mut edges: Vec<f64> = boxes.iter().map(Bounds::longest_edge).collect();
         let mut lookup = Self {
+            median_edge: median(&mut edges),
             order: (0..boxes.len() as u32).collect(),
             nodes: Vec::new(),
             boxes,
@@ -74,16 +82,47 @@ impl Lookup {
     }
 
     /// Calls `found` with the index of each box that holds `q`, in a fixed order.
-    pub(super) fn holding(&self, q: Vec3, found: impl FnMut(usize)) {
-        self.among(|bounds| bounds.contains(q), found);
+    pub(super) fn holding(&self, q: Vec3, mut found: impl FnMut(usize)) {
+        self.among(
+            |bounds| bounds.contains(q),
+            |place| found(self.order[place] as usize),
+        );
+    }
+
+    /// Calls `found` with the number of each of `places` and the index of each box that holds it, in a fixed order.
+    /// Places that follow each other are looked up together where they are near each other.
+    pub(super) fn holding_each(&self, places: &[Vec3], mut found: impl FnMut(usize, usize)) {
+        let mut near = Vec::new();
+        for (run, some) in places.chunks(TOGETHER).enumerate() {
+            let numbered = (run * TOGETHER..).zip(some);
+            let around = Bounds::of(some);
+            let around = around.filter(|around| around.longest_edge() <= self.median_edge);
+            let Some(around) = around else {
+                for (i, &q) in numbered {
+                    self.holding(q, |k| found(i, k));
+                }
+                continue;
+            };
+            near.clear();
+            self.among(|bounds| bounds.meets(&around), |place| near.push(place));
+            for (i, &q) in numbered {
+                let holding = near.iter().filter(|&&place| self.boxes[place].contains(q));
+                for &place in holding {
+                    found(i, self.order[place] as usize);
+                }
+            }
+        }
     }
 
     /// Calls `found` with the index of each box that meets `other`, in a fixed order.
-    pub(super) fn meeting(&self, other: &Bounds, found: impl FnMut(usize)) {
-        self.among(|bounds| bounds.meets(other), found);
+    pub(super) fn meeting(&self, other: &Bounds, mut found: impl FnMut(usize)) {
+        self.among(
+            |bounds| bounds.meets(other),
+            |place| found(self.order[place] as usize),
+        );
     }
 
-    /// Calls `found` with the index of each box that `is_wanted`, as all around it are.
+    /// Calls `found` with the place of each box that `is_wanted`, as all around it are.
     #[inline]
     fn among(&self, is_wanted: impl Fn(&Bounds) -> bool, mut found: impl FnMut(usize)) {
         let mut open = [0; DEEPEST];
@@ -100,12 +139,9 @@ impl Lookup {
                 waiting += 2;
                 continue;
             }
-            let leaf = node.start..node.end;
-            for (bounds, &i) in self.boxes[leaf.clone()].iter().zip(&self.order[leaf]) {
-                if is_wanted(bounds) {
-                    found(i as usize);
-                }
-            }
+            (node.start..node.end)
+                .filter(|&place| is_wanted(&self.boxes[place]))
+                .for_each(&mut found);
         }
     }
 }
@@ -136,6 +172,20 @@ mod tests {
                 found.sort_unstable();
                 let expected: Vec<usize> = (0..count).filter(|&i| boxes[i].contains(q)).collect();
                 assert_eq!(found, expected);
+                let mut together = Vec::new();
+                lookup.holding_each(&[q, q, [7.0; 3]], |at, i| together.push((at, i)));
+                together.sort_unstable();
+                let both = [0, 1].map(|at| expected.iter().map(move |&i| (at, i)));
+                assert!(together.into_iter().eq(both.into_iter().flatten()));
+                let near = q.map(|v| v + 0.01);
+                let mut together = Vec::new();
+                lookup.holding_each(&[q, near], |at, i| together.push((at, i)));
+                together.sort_unstable();
+                let mut apart = Vec::new();
+                lookup.holding(q, |i| apart.push((0, i)));
+                lookup.holding(near, |i| apart.push((1, i)));
+                apart.sort_unstable();
+                assert_eq!(together, apart);
                 let other = Bounds {
                     min: q,
                     max: q.map(|v| v + 0.1 * random.random::<f64>()),

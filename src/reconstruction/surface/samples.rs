@@ -6,6 +6,8 @@
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 use super::bits::{Bits, Page, ones};
 use super::grid::Lattice;
 use super::{Field, Request};
@@ -15,6 +17,9 @@ use crate::reconstruction::vector::Vec3;
 /// Field points asked for in one call: enough for every thread of an engine, and a few
 /// milliseconds to the next question whether to stop.
 pub(super) const BATCH: usize = 1 << 15;
+
+/// Points that a thread places at a time.
+const PIECE: usize = 1 << 12;
 
 /// Known points that a triangle may cost. A smooth surface takes about two; a field that is noise
 /// near zero everywhere would fill the memory before its triangles are counted.
@@ -53,23 +58,28 @@ impl<'a> Source<'a> {
         if (self.request.cancelled)() {
             return Err(Error::Cancelled);
         }
-        let mut points = Vec::with_capacity(indices.len());
-        let mut slots = Vec::with_capacity(indices.len());
-        for index in indices {
-            let at = self.lattice.coordinates(*index);
-            if !(0..3).any(|axis| self.lattice.is_frame(axis, at[axis])) {
-                points.push(self.lattice.position(at));
-                slots.push(values.len());
-            }
-            values.push(OUTSIDE);
-        }
+        let lattice = &self.lattice;
+        let placed = |&index: &usize| {
+            let at = lattice.coordinates(index);
+            let is_frame = (0..3).any(|axis| lattice.is_frame(axis, at[axis]));
+            (!is_frame).then(|| lattice.position(at))
+        };
+        let placed: Vec<Option<Vec3>> =
+            indices.par_iter().with_min_len(PIECE).map(placed).collect();
+        let points: Vec<Vec3> = placed.iter().copied().flatten().collect();
         let mut found = vec![0.0; points.len()];
         self.field.values(&points, &mut found)?;
         self.evaluations += points.len() as u64;
-        for ((value, slot), point) in found.iter().zip(slots).zip(&points) {
-            check_finite(*value, *point)?;
-            self.positive += u64::from(*value > 0.0);
-            values[slot] = *value;
+        let mut found = found.into_iter();
+        for point in placed {
+            let known = point.and_then(|point| Some((point, found.next()?)));
+            let Some((point, value)) = known else {
+                values.push(OUTSIDE);
+                continue;
+            };
+            check_finite(value, point)?;
+            self.positive += u64::from(value > 0.0);
+            values.push(value);
         }
         Ok(())
     }
