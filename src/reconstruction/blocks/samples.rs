@@ -302,3 +302,56 @@ pub(super) fn members(lookup: &Lookup, blocks: usize, places: &[Vec3]) -> Vec<Ve
     }
     members
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruction::blocks::partition::partition;
+    use crate::reconstruction::random::{Purpose, stream};
+    use crate::reconstruction::sampling::oriented::Located;
+
+    /// Points of a ball.
+    fn ball() -> OrientedSurface {
+        let points: Vec<Vec3> = (0..3000)
+            .map(|i| {
+                let height = (f64::from(i) + 0.5) / 1500.0 - 1.0;
+                let (sin, cos) = (2.4 * f64::from(i)).sin_cos();
+                let around = (1.0 - height * height).sqrt();
+                [around * cos, around * sin, height]
+            })
+            .collect();
+        let located = Located::new(points.clone(), 16);
+        OrientedSurface::new(located, Some(&points), false, &mut Vec::new())
+    }
+
+    #[test]
+    fn a_block_has_all_places_in_its_reach_whichever_asks_first() {
+        let surface = ball();
+        let fitted: Vec<usize> = (0..surface.points.len()).collect();
+        let blocks = partition(&surface.points, &surface.spacings, 17);
+        // The second one is in no block.
+        let given = [([0.0, 0.0, 0.97], 0.03), ([3.0; 3], -4.0)];
+        let places = || {
+            let mut random = stream(1, Purpose::Blocks);
+            Places::new(&blocks, &surface, &fitted, &given, &mut random)
+        };
+        let of = |places: &Places<'_>, k| places.of(k, &blocks[k], Targets::Graded, 1.0);
+        let forwards = places();
+        let found: Vec<(Samples, usize)> = (0..blocks.len()).map(|k| of(&forwards, k)).collect();
+        let backwards = places();
+        for k in (0..blocks.len()).rev() {
+            assert_eq!(of(&backwards, k), found[k], "block {k}");
+        }
+        let parts = forwards.parts.iter();
+        let all: Vec<&Known> = parts
+            .flat_map(|part| part.known(&forwards.sampler))
+            .collect();
+        assert_eq!(forwards.generated(), all.len() - 1);
+        for (block, (samples, on_surface)) in blocks.iter().zip(&found) {
+            let around = all.iter().filter(|known| block.reach.contains(known.place));
+            assert_eq!(samples.len() - on_surface, around.count());
+            // Two beside each point, but for those beyond the reach, and some away from them.
+            assert!(2 * samples.len() > 5 * on_surface);
+        }
+    }
+}

@@ -114,3 +114,30 @@ pub fn distinct(points: &[Vec3], indices: &[usize]) -> Vec<usize> {
 pub(in crate::reconstruction) fn pick<T: Copy>(items: &[T], positions: &[usize]) -> Vec<T> {
     positions.iter().map(|&i| items[i]).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruction::vector::distance;
+
+    #[test]
+    fn many_different_points_follow_their_neighbours_and_few_keep_their_order() {
+        for (side, is_kept) in [(20, true), (200, false)] {
+            let place = |i: usize| [(i % side) as f64, (i / side) as f64, 0.0];
+            let count = side * side;
+            // 7 has no factor in common with the number: every place once, far from the one before; and one twice.
+            let points: Vec<Vec3> = (0..=count).map(|i| place(7 * i % count)).collect();
+            let all: Vec<usize> = (0..points.len()).collect();
+            let found = distinct(&points, &all);
+            let mut each = found.clone();
+            each.sort_unstable();
+            assert!(each.iter().copied().eq(0..count));
+            assert_eq!(found == each, is_kept);
+            let steps = found
+                .windows(2)
+                .map(|pair| distance(points[pair[0]], points[pair[1]]));
+            let mean = steps.sum::<f64>() / count as f64;
+            assert_eq!(mean > 5.0, is_kept, "{mean}");
+        }
+    }
+}

@@ -110,6 +110,16 @@ impl Bits {
         self.members_of(0..self.table.len())
     }
 
+    /// Runs of pages to work through side by side, in order.
+    pub(super) fn parts(&self) -> Vec<Range<usize>> {
+        const PAGES: usize = 1 << 8;
+        let pages = self.page_count();
+        (0..pages)
+            .step_by(PAGES)
+            .map(|start| start..(start + PAGES).min(pages))
+            .collect()
+    }
+
     /// The members that lie in the given pages, increasing.
     pub(super) fn members_of(&self, pages: Range<usize>) -> impl Iterator<Item = usize> {
         pages.flat_map(|number| {

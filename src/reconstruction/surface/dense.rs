@@ -6,7 +6,7 @@
 use super::bits::Bits;
 use super::grid::Lattice;
 use super::samples::{BATCH, OUTSIDE, Samples, Source, check_size};
-use super::sparse::{PROGRESS, mark_edge};
+use super::sparse::{PROGRESS, around_edge};
 use crate::reconstruction::error::Error;
 
 /// Samples the whole grid and keeps the points around the surface.
@@ -16,6 +16,9 @@ pub(super) fn sample(source: &mut Source<'_>) -> Result<Samples, Error> {
     let layers = lattice.size[2];
     let mut kept = Bits::new(lattice.len());
     let mut values = Vec::new();
+    let keep_around = |lower: usize, axis: usize, kept: &mut Bits| {
+        around_edge(&lattice, lower, axis).for_each(|at| kept.insert(at));
+    };
     let mut below = vec![OUTSIDE; layer];
     for z in 1..layers {
         let first = z * layer;
@@ -31,11 +34,11 @@ pub(super) fn sample(source: &mut Source<'_>) -> Result<Samples, Error> {
                 if let Some(lower) = lower
                     && (above[lower] > 0.0) != inside
                 {
-                    mark_edge(&lattice, first + lower, axis, &mut kept);
+                    keep_around(first + lower, axis, &mut kept);
                 }
             }
             if (below[place] > 0.0) != inside {
-                mark_edge(&lattice, first - layer + place, 2, &mut kept);
+                keep_around(first - layer + place, 2, &mut kept);
             }
         }
         // An edge marks points one layer away at most: what lies below is decided now.

@@ -43,7 +43,7 @@ pub(super) fn contour(
     lattice: &Lattice,
     max_triangles: usize,
 ) -> Result<Contour, Error> {
-    let parts = samples.parts();
+    let parts = samples.known().parts();
     let crossings: Vec<Crossings> = parts
         .par_iter()
         .map(|part| {

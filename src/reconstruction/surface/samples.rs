@@ -149,16 +149,6 @@ impl Samples {
         self.rank(index).map(|rank| self.values[rank])
     }
 
-    /// Parts of the lattice to work through side by side, in order.
-    pub(super) fn parts(&self) -> Vec<Range<usize>> {
-        const PAGES: usize = 1 << 8;
-        let pages = self.known.page_count();
-        (0..pages)
-            .step_by(PAGES)
-            .map(|start| start..(start + PAGES).min(pages))
-            .collect()
-    }
-
     /// Known points of a part, and their values.
     pub(super) fn part(&self, pages: Range<usize>) -> impl Iterator<Item = (usize, f64)> {
         let first = pages.clone().find_map(|page| self.known.place_of(page));

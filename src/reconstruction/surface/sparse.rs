@@ -6,6 +6,8 @@
 //! is missed by that and touches what is found is followed from point to point until the surface
 //! is closed; so a component is either found whole or, if no cell of any level saw it, not at all.
 
+use rayon::prelude::*;
+
 use super::bits::Bits;
 use super::grid::Lattice;
 use super::samples::{Samples, Source};
@@ -158,8 +160,8 @@ fn follow(samples: &mut Samples, mut fresh: Bits, source: &mut Source<'_>) -> Re
     let mut wanted = Bits::new(lattice.len());
     loop {
         wanted.clear();
-        for index in fresh.members() {
-            mark_crossings(samples, &lattice, index, &mut wanted);
+        for at in unknown_at_crossings(samples, &lattice, &fresh) {
+            wanted.insert(at);
         }
         samples.require(&mut wanted, source, PROGRESS..PROGRESS)?;
         if wanted.count() == 0 {
@@ -169,43 +171,61 @@ fn follow(samples: &mut Samples, mut fresh: Bits, source: &mut Source<'_>) -> Re
     }
 }
 
-/// Marks the points around every edge of the point `index` that the surface crosses.
-fn mark_crossings(samples: &Samples, lattice: &Lattice, index: usize, wanted: &mut Bits) {
-    let inside = samples.get(index).is_some_and(|value| value > 0.0);
-    let at = lattice.coordinates(index);
-    for (axis, place) in at.into_iter().enumerate() {
-        let stride = lattice.strides[axis];
-        for up in [false, true] {
-            if place == if up { lattice.size[axis] - 1 } else { 0 } {
-                continue;
-            }
-            let (other, other_place, lower) = if up {
-                (index + stride, place + 1, index)
-            } else {
-                (index - stride, place - 1, index - stride)
-            };
-            let crossed = match samples.get(other) {
-                Some(value) => (value > 0.0) != inside,
-                None => inside && lattice.is_frame(axis, other_place),
-            };
-            if crossed {
-                mark_edge(lattice, lower, axis, wanted);
+/// The points, some of them several times, that are not known around the edges at `fresh` ones that the surface crosses.
+fn unknown_at_crossings(samples: &Samples, lattice: &Lattice, fresh: &Bits) -> Vec<usize> {
+    let parts = fresh.parts().into_par_iter();
+    let unknown = parts.flat_map_iter(|part| {
+        let mut unknown = Vec::new();
+        for index in fresh.members_of(part) {
+            for (axis, lower) in crossed_edges(samples, lattice, index) {
+                let around = around_edge(lattice, lower, axis);
+                unknown.extend(around.filter(|&at| !samples.known().contains(at)));
             }
         }
-    }
+        unknown
+    });
+    unknown.collect()
 }
 
-/// Marks the corners of the four cells around the edge that runs from `lower` along `axis`.
-pub(super) fn mark_edge(lattice: &Lattice, lower: usize, axis: usize, wanted: &mut Bits) {
+/// The axes and lower ends of the edges at the point `index` that the surface crosses.
+fn crossed_edges(
+    samples: &Samples,
+    lattice: &Lattice,
+    index: usize,
+) -> impl Iterator<Item = (usize, usize)> {
+    let inside = samples.get(index).is_some_and(|value| value > 0.0);
+    let at = lattice.coordinates(index);
+    let edges = (0..3).flat_map(|axis| [(axis, false), (axis, true)]);
+    edges.filter_map(move |(axis, up)| {
+        let (place, stride) = (at[axis], lattice.strides[axis]);
+        if place == if up { lattice.size[axis] - 1 } else { 0 } {
+            return None;
+        }
+        let (other, other_place, lower) = if up {
+            (index + stride, place + 1, index)
+        } else {
+            (index - stride, place - 1, index - stride)
+        };
+        let crossed = match samples.get(other) {
+            Some(value) => (value > 0.0) != inside,
+            None => inside && lattice.is_frame(axis, other_place),
+        };
+        crossed.then_some((axis, lower))
+    })
+}
+
+/// The corners of the four cells around the edge that runs from `lower` along `axis`.
+pub(super) fn around_edge(
+    lattice: &Lattice,
+    lower: usize,
+    axis: usize,
+) -> impl Iterator<Item = usize> {
     let along = lattice.strides[axis];
     let [u, v] = [1, 2].map(|step| lattice.strides[(axis + step) % 3]);
     // An edge with an end inside the grid has neighbours on all sides.
     let first = lower - u - v;
-    for i in 0..3 {
-        for j in 0..3 {
-            let at = first + i * u + j * v;
-            wanted.insert(at);
-            wanted.insert(at + along);
-        }
-    }
+    (0..9).flat_map(move |k| {
+        let at = first + k / 3 * u + k % 3 * v;
+        [at, at + along]
+    })
 }
