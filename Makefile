@@ -19,7 +19,7 @@ help:
 	@echo "make bench-service  the service under load: rates, latencies, memory (two minutes)"
 	@echo "make bench-store  what the store writes in a second, on SQLite and on Postgres (one minute)"
 	@echo "make bench-cluster  many processes over one Postgres, and a thousand workers; MINUTES=10"
-	@echo "make bench-blocks  a large cloud on one worker and on several; POINTS=5000000 WORKERS=2"
+	@echo "make bench-blocks  a large cloud on one worker and on several; POINTS=1000000 WORKERS=4 CORE=0.5"
 	@echo "make upgrade OLD=PROGRAM  an upgrade from an earlier program while jobs run"
 	@echo "make bench-many  lists and gets with very many ended jobs; JOBS=10000000 (a gigabyte for each 500,000)"
 	@echo "make storm   nodes, workers, database and object store, killed again and again; KILLS=500"
