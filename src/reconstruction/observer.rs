@@ -116,7 +116,7 @@ pub trait Observer {
 /// They make it faster and nothing else: whoever fits a block, its network is the same, and the run fits itself
 /// what does not come back in time.
 pub trait Helpers: Sync {
-    /// How many more shares may be offered now.
+    /// How many more shares may be offered now; 0 where nothing is known that is newer than the last answer.
     fn wanted(&self) -> usize;
 
     /// Offers a share, whose input goes to [`fit_share`](super::fit_share).

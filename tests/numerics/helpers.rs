@@ -2,10 +2,11 @@
 
 use std::collections::BTreeSet;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use meshway::reconstruction::settings::Settings;
 use meshway::reconstruction::{
-    Event, Helpers, Observer, Preset, Reconstruction, fit_share, reconstruct,
+    Error, Event, Helpers, Observer, Preset, Reconstruction, fit_share, reconstruct,
 };
 
 use crate::blocks::bumpy;
@@ -154,4 +155,55 @@ fn engines_whose_bits_depend_on_more_are_not_helped() {
     let others = Others::new(Way::Vanish);
     run(&settings, 2, Some(&others));
     assert!(others.offered.into_inner().unwrap().is_empty());
+}
+
+/// Asks for very many shares at once, and stops the run when it has the first.
+#[derive(Default)]
+struct Hurried {
+    asked: AtomicBool,
+    offered: AtomicUsize,
+}
+
+impl Helpers for Hurried {
+    fn wanted(&self) -> usize {
+        if self.asked.swap(true, Ordering::Relaxed) {
+            0
+        } else {
+            1000
+        }
+    }
+
+    fn offer(&self, _: usize, _: Vec<u8>) {
+        self.offered.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn withdraw(&self, _: usize) {}
+
+    fn fitted(&self) -> Option<(usize, Vec<u8>)> {
+        None
+    }
+}
+
+impl Observer for Hurried {
+    fn event(&self, _: Event<'_>) {}
+
+    fn helpers(&self) -> Option<&dyn Helpers> {
+        Some(self)
+    }
+
+    fn cancelled(&self) -> bool {
+        self.offered.load(Ordering::Relaxed) > 0
+    }
+
+    fn seconds(&self) -> f64 {
+        0.0
+    }
+}
+
+#[test]
+fn a_run_is_stopped_between_two_shares() {
+    let hurried = Hurried::default();
+    let result = reconstruct(&bumpy(3_000), &settings(), &hurried);
+    assert!(matches!(result, Err(Error::Cancelled)), "{result:?}");
+    assert_eq!(hurried.offered.into_inner(), 1);
 }

@@ -16,6 +16,8 @@ const BLOCKS: usize = 256;
 pub(super) struct Board<T> {
     pub(super) done: Done<T>,
     shares: Vec<Share>,
+    /// Blocks of shares that others are to fit, whose places are to be asked about first: share and block.
+    asking: VecDeque<(usize, usize)>,
 }
 
 /// A run of blocks.
@@ -27,19 +29,25 @@ struct Share {
     offer: Option<Offer>,
 }
 
-/// What others were offered.
+/// What others are offered.
 struct Offer {
     blocks: Vec<usize>,
-    /// That of the bytes; none until there are some.
+    /// So many of these have places that are to be asked about before they are offered.
+    unasked: usize,
+    /// That of the bytes; none until they were offered.
     input: Option<Identity>,
     is_withdrawn: bool,
 }
 
-/// A block that the run is to fit now.
-pub(super) struct Next {
-    pub(super) block: usize,
-    /// A share that is to be withdrawn for it.
-    pub(super) withdrawn: Option<usize>,
+/// What a thread of the run is to do next.
+pub(super) enum Next {
+    /// Ask about the places of a block of a share that others are to fit.
+    Places { share: usize, block: usize },
+    /// Fit a block. A share that was offered is to be withdrawn for it.
+    Fit {
+        block: usize,
+        withdrawn: Option<usize>,
+    },
 }
 
 impl Share {
@@ -65,12 +73,19 @@ impl<T: Scalar> Board<T> {
             }
         };
         let shares = all.chunks(BLOCKS).map(share).collect();
-        Self { done, shares }
+        Self {
+            done,
+            shares,
+            asking: VecDeque::new(),
+        }
     }
 
-    /// The block that is next. Once there are none but those of others, the run begins with these, too: the last
-    /// offer first, with which nobody may have begun.
+    /// What is next: places of shares that others wait for, and blocks. Once there are none but those of others, the run
+    /// begins with these, too: the last offer first, with which nobody may have begun.
     pub(super) fn next(&mut self) -> Option<Next> {
+        if let Some((share, block)) = self.asking.pop_front() {
+            return Some(Next::Places { share, block });
+        }
         let has_open = |share: &Share| !share.open.is_empty();
         let own = self
             .shares
@@ -78,40 +93,62 @@ impl<T: Scalar> Board<T> {
             .position(|share| has_open(share) && !share.is_out());
         let at = own.or_else(|| self.shares.iter().position(has_open))?;
         let share = &mut self.shares[at];
-        let withdrawn = share.is_out().then_some(at);
+        let mut withdrawn = None;
         if let Some(offer) = &mut share.offer {
+            let was_offered = offer.input.is_some() && !offer.is_withdrawn;
+            withdrawn = was_offered.then_some(at);
             offer.is_withdrawn = true;
         }
         share.is_begun = true;
         let block = share.open.pop_front()?;
-        Some(Next { block, withdrawn })
+        Some(Next::Fit { block, withdrawn })
     }
 
-    /// A share for others, and its blocks, if there is more left than one for the run itself.
-    pub(super) fn offer(&mut self) -> Option<(usize, Vec<usize>)> {
-        let is_free = |share: &&mut Share| !share.is_begun && share.offer.is_none();
-        let mut free = self
-            .shares
-            .iter_mut()
-            .enumerate()
-            .rev()
-            .filter(|(_, share)| is_free(share));
-        let (at, share) = free.next()?;
-        free.next()?;
-        let blocks: Vec<usize> = share.open.iter().copied().collect();
-        share.offer = Some(Offer {
-            blocks: blocks.clone(),
-            input: None,
-            is_withdrawn: false,
-        });
-        Some((at, blocks))
-    }
-
-    /// Notes of which input the networks of a share will be.
-    pub(super) fn offered(&mut self, share: usize, input: Identity) {
-        if let Some(offer) = &mut self.shares[share].offer {
-            offer.input = Some(input);
+    /// Chooses so many shares for others, or fewer, if there is more left than one for the run itself.
+    pub(super) fn choose(&mut self, wanted: usize) {
+        for _ in 0..wanted {
+            let is_free = |share: &&mut Share| !share.is_begun && share.offer.is_none();
+            let numbered = self.shares.iter_mut().enumerate().rev();
+            let mut free = numbered.filter(|(_, share)| is_free(share));
+            let (Some((at, share)), Some(_)) = (free.next(), free.next()) else {
+                return;
+            };
+            let blocks: Vec<usize> = share.open.iter().copied().collect();
+            self.asking.extend(blocks.iter().map(|&block| (at, block)));
+            share.offer = Some(Offer {
+                unasked: blocks.len(),
+                blocks,
+                input: None,
+                is_withdrawn: false,
+            });
         }
+    }
+
+    /// Notes that the places of a block of this share were asked about.
+    pub(super) fn asked(&mut self, share: usize) {
+        if let Some(offer) = &mut self.shares[share].offer {
+            offer.unasked -= 1;
+        }
+    }
+
+    /// A chosen share, and its blocks, all of whose places were asked about.
+    pub(super) fn ready(&self) -> Option<(usize, Vec<usize>)> {
+        let mut chosen = self.shares.iter().enumerate().rev();
+        chosen.find_map(|(at, share)| {
+            let offer = share.offer.as_ref()?;
+            let is_ready = offer.unasked == 0 && offer.input.is_none() && !offer.is_withdrawn;
+            is_ready.then(|| (at, offer.blocks.clone()))
+        })
+    }
+
+    /// Notes of which input the networks of a share will be. Whether it is to be offered: the run may have begun with it.
+    pub(super) fn offered(&mut self, share: usize, input: Identity) -> bool {
+        let offer = self.shares[share].offer.as_mut();
+        let offer = offer.filter(|offer| !offer.is_withdrawn);
+        offer.is_some_and(|offer| {
+            offer.input = Some(input);
+            true
+        })
     }
 
     /// Takes the networks of a share. What cannot be used is fitted by the run.
@@ -132,5 +169,44 @@ impl<T: Scalar> Board<T> {
             }
             _ => offer.is_withdrawn = true,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_offered_once_their_places_were_asked_about_unless_the_run_has_begun_with_them() {
+        let mut board = Board::<f32>::new(vec![None; 3 * BLOCKS]);
+        // One is left for the run.
+        board.choose(5);
+        for expected in [2, 1] {
+            for k in 0..BLOCKS {
+                assert!(expected == 1 || board.ready().is_none());
+                let Some(Next::Places { share, block }) = board.next() else {
+                    panic!("places come first");
+                };
+                assert_eq!((share, block), (expected, expected * BLOCKS + k));
+                board.asked(share);
+            }
+        }
+        let (share, blocks) = board.ready().unwrap();
+        assert_eq!((share, blocks[0], blocks.len()), (2, 2 * BLOCKS, BLOCKS));
+        assert!(board.offered(share, Identity::of(b"input")));
+        assert_eq!(board.ready().unwrap().0, 1);
+        // The run goes through its own, then through the share that was not offered yet, then through the other.
+        for k in 0..3 * BLOCKS {
+            let Some(Next::Fit { block, withdrawn }) = board.next() else {
+                panic!("only blocks are left");
+            };
+            assert_eq!(block, k);
+            assert_eq!(withdrawn, (k == 2 * BLOCKS).then_some(2));
+            if k == BLOCKS {
+                assert!(board.ready().is_none());
+                assert!(!board.offered(1, Identity::of(b"late")));
+            }
+        }
+        assert!(board.next().is_none());
     }
 }

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use super::block::Block;
-use super::board::Board;
+use super::board::{Board, Next};
 use super::input::{BlockInput, Fitted};
 use super::samples::Places;
 use super::share::Share;
@@ -84,20 +84,21 @@ impl Task<'_> {
         observer.helpers().filter(|_| self.is_fused)
     }
 
-    /// Takes what helpers have fitted, and offers what they want.
+    /// Takes what helpers have fitted, chooses the shares that they want, and offers one that is ready: between one and the
+    /// next the run tells how far it is, and hears whether it shall stop.
     fn exchange<T: Scalar>(&self, board: &Mutex<Board<T>>, helpers: &dyn Helpers) {
         while let Some((share, networks)) = helpers.fitted() {
             lock(board).take(share, &networks);
         }
-        for _ in 0..helpers.wanted() {
-            let Some((share, blocks)) = lock(board).offer() else {
-                return;
-            };
+        lock(board).choose(helpers.wanted());
+        let ready = lock(board).ready();
+        if let Some((share, blocks)) = ready {
             // Not in parallel: a thread that waits for others may begin one of their loops, and not come back.
             let blocks = blocks.into_iter().map(|k| self.input(k)).collect();
             let input = Share { blocks }.encode();
-            lock(board).offered(share, Identity::of(&input));
-            helpers.offer(share, input);
+            if lock(board).offered(share, Identity::of(&input)) {
+                helpers.offer(share, input);
+            }
         }
     }
 }
@@ -125,15 +126,24 @@ pub(super) fn fit<T: Scalar>(
         let Some(next) = lock(&board).next() else {
             return false;
         };
-        if let (Some(share), Some(helpers)) = (next.withdrawn, helpers) {
-            helpers.withdraw(share);
-        }
-        match task.input(next.block).fit(watch) {
-            Ok(fitted) => lock(&board).done[next.block] = Some(fitted),
-            Err(error) => {
-                stop.store(true, Ordering::Relaxed);
-                lock(&failure).get_or_insert(error);
+        let done = match next {
+            Next::Places { .. } if watch.cancelled() => Err(Error::Cancelled),
+            Next::Places { share, block } => {
+                task.places.ask(block);
+                lock(&board).asked(share);
+                Ok(())
             }
+            Next::Fit { block, withdrawn } => {
+                if let (Some(share), Some(helpers)) = (withdrawn, helpers) {
+                    helpers.withdraw(share);
+                }
+                let fitted = task.input(block).fit(watch);
+                fitted.map(|fitted| lock(&board).done[block] = Some(fitted))
+            }
+        };
+        if let Err(error) = done {
+            stop.store(true, Ordering::Relaxed);
+            lock(&failure).get_or_insert(error);
         }
         !stop.load(Ordering::Relaxed)
     };

@@ -177,6 +177,17 @@ impl<'a> Places<'a> {
         });
     }
 
+    /// Asks about the places of block `k`, on the calling thread.
+    pub(super) fn ask(&self, k: usize) {
+        self.known_around(k).for_each(drop);
+    }
+
+    /// What is known of the parts that may have places in the reach of block `k`.
+    fn known_around(&self, k: usize) -> impl Iterator<Item = &[Known]> {
+        let parts = self.parts_of[k].iter();
+        parts.map(|&part| self.parts[part as usize].known(&self.sampler))
+    }
+
     /// Samples of block `k` in its own frame, and how many of them, the first ones, are on the surface, where they have
     /// this weight. Asks about places on the calling thread.
     pub(super) fn of(
@@ -198,9 +209,8 @@ impl<'a> Places<'a> {
             sample(self.points[i as usize], 0.0, coarse.unwrap_or_default())
         });
         let mut samples = on_surface.collect::<Samples>().weighing(weight);
-        let around = self.parts_of[k].iter();
+        let around = self.known_around(k).flatten();
         let mut around: Vec<&Known> = around
-            .flat_map(|&part| self.parts[part as usize].known(&self.sampler))
             .filter(|known| block.reach.contains(known.place))
             .collect();
         around.sort_unstable_by_key(|known| known.number);
