@@ -35,8 +35,8 @@ const FARTHEST: f64 = 1.0;
 /// Places with their signed distances from the surface, in the frame of the run.
 pub(super) struct Places<'a> {
     sampler: Sampler<'a>,
-    /// The points of the cloud that networks are fitted to.
-    points: Vec<Vec3>,
+    /// The points of the surface that networks are fitted to. Below, they have their numbers among these.
+    fitted: &'a [usize],
     /// Those in the reach of each block, ascending.
     points_of: Vec<Vec<u32>>,
     /// What a coarse field says of their distances; nothing where the blocks are not told.
@@ -51,8 +51,8 @@ pub(super) struct Places<'a> {
 /// Some places.
 #[derive(Default)]
 struct Part {
-    /// Pairs beside points: the number of the point among those that are fitted, and both steps.
-    pairs: Vec<(u32, [Step; 2])>,
+    /// Pairs beside points: the point, and the steps of its pair as a share of the spacing there.
+    pairs: Vec<(u32, f64)>,
     /// Places whose distances the user told.
     given: Vec<Known>,
     /// Places away from the surface.
@@ -91,7 +91,7 @@ impl<'a> Places<'a> {
     pub(super) fn new(
         blocks: &[Block],
         surface: &'a OrientedSurface,
-        fitted: &[usize],
+        fitted: &'a [usize],
         given: &[(Vec3, f64)],
         random: &mut Generator,
     ) -> Self {
@@ -110,10 +110,10 @@ impl<'a> Places<'a> {
         let points_of = members(&lookup, blocks.len(), &points);
         let mut parts: Vec<Part> = blocks.iter().map(|_| Part::default()).collect();
         let owners = owners(&points_of, points.len());
-        for (n, (&i, owner)) in fitted.iter().zip(owners).enumerate() {
-            let pair = sampler.both_ways(i, share_of_pair(0, 1, random));
+        for (n, owner) in (0..).zip(owners) {
+            let share = share_of_pair(0, 1, random);
             if let Some(part) = parts.get_mut(owner as usize) {
-                part.pairs.push((n as u32, pair));
+                part.pairs.push((n, share));
             }
         }
         let first_given = 2 * points.len();
@@ -133,12 +133,12 @@ impl<'a> Places<'a> {
             first_far += count;
         }
         let around = parts.iter().zip(blocks);
-        let around = around.map(|(part, block)| part.bounds(block, surface));
+        let around = around.map(|(part, block)| part.bounds(block, (surface, fitted)));
         Self {
             parts_of: meeting(&Lookup::new(around.collect()), blocks),
             sampler,
+            fitted,
             points_of,
-            points,
             coarse: Vec::new(),
             parts,
         }
@@ -150,7 +150,7 @@ impl<'a> Places<'a> {
     /// What the field reports.
     pub(super) fn over(mut self, coarse: &CoarseLengths<'_>) -> Result<Self, Error> {
         self.ask_all();
-        self.coarse = coarse.at(&self.points)?;
+        self.coarse = coarse.at(&pick(&self.sampler.surface.points, self.fitted))?;
         let known = self
             .parts
             .iter_mut()
@@ -173,7 +173,7 @@ impl<'a> Places<'a> {
     /// Has all places asked about, on all threads.
     fn ask_all(&self) {
         self.parts.par_iter().for_each(|part| {
-            part.known(&self.sampler);
+            self.known(part);
         });
     }
 
@@ -185,7 +185,26 @@ impl<'a> Places<'a> {
     /// What is known of the parts that may have places in the reach of block `k`.
     fn known_around(&self, k: usize) -> impl Iterator<Item = &[Known]> {
         let parts = self.parts_of[k].iter();
-        parts.map(|&part| self.parts[part as usize].known(&self.sampler))
+        parts.map(|&part| self.known(&self.parts[part as usize]))
+    }
+
+    /// What is known of the places of a part, those left out that the surface leaves open.
+    fn known<'p>(&self, part: &'p Part) -> &'p [Known] {
+        part.known.get_or_init(|| {
+            let both_ways = |(n, share): &(u32, f64)| {
+                let pair = self.sampler.both_ways(self.fitted[*n as usize], *share);
+                [(2 * n, pair[0]), (2 * n + 1, pair[1])]
+            };
+            let (numbers, steps): (Vec<u32>, Vec<Step>) =
+                part.pairs.iter().flat_map(both_ways).unzip();
+            let beside = numbers.into_iter().zip(self.sampler.along(&steps));
+            let away = (part.first_far..).zip(self.sampler.at_each(&part.far));
+            let known = beside.chain(away).filter_map(|(number, sample)| {
+                let (place, target) = sample?;
+                Some(Known::new(number, (place, FARTHEST * target)))
+            });
+            part.given.iter().copied().chain(known).collect()
+        })
     }
 
     /// Samples of block `k` in its own frame, and how many of them, the first ones, are on the surface, where they have
@@ -206,7 +225,8 @@ impl<'a> Places<'a> {
         };
         let on_surface = self.points_of[k].iter().map(|&i| {
             let coarse = self.coarse.get(i as usize).copied();
-            sample(self.points[i as usize], 0.0, coarse.unwrap_or_default())
+            let point = self.sampler.surface.points[self.fitted[i as usize]];
+            sample(point, 0.0, coarse.unwrap_or_default())
         });
         let mut samples = on_surface.collect::<Samples>().weighing(weight);
         let around = self.known_around(k).flatten();
@@ -224,27 +244,10 @@ impl<'a> Places<'a> {
 
 impl Part {
     /// A box around all its places, wherever its pairs come to lie; it is that of `block`.
-    fn bounds(&self, block: &Block, surface: &OrientedSurface) -> Bounds {
-        let spacings = self
-            .pairs
-            .iter()
-            .map(|(_, [(i, _), _])| surface.spacings[*i]);
+    fn bounds(&self, block: &Block, (surface, fitted): (&OrientedSurface, &[usize])) -> Bounds {
+        let spacings = self.pairs.iter();
+        let spacings = spacings.map(|(n, _)| surface.spacings[fitted[*n as usize]]);
         block.reach.padded(STEPS.1 * spacings.fold(0.0, f64::max))
-    }
-
-    /// What is known of its places, those left out that the surface leaves open.
-    fn known(&self, sampler: &Sampler<'_>) -> &[Known] {
-        self.known.get_or_init(|| {
-            let steps: Vec<Step> = self.pairs.iter().flat_map(|(_, pair)| *pair).collect();
-            let numbers = self.pairs.iter().flat_map(|(n, _)| [2 * n, 2 * n + 1]);
-            let beside = numbers.zip(sampler.along(&steps));
-            let away = (self.first_far..).zip(sampler.at_each(&self.far));
-            let known = beside.chain(away).filter_map(|(number, sample)| {
-                let (place, target) = sample?;
-                Some(Known::new(number, (place, FARTHEST * target)))
-            });
-            self.given.iter().copied().chain(known).collect()
-        })
     }
 }
 
@@ -353,9 +356,7 @@ mod tests {
             assert_eq!(of(&backwards, k), found[k], "block {k}");
         }
         let parts = forwards.parts.iter();
-        let all: Vec<&Known> = parts
-            .flat_map(|part| part.known(&forwards.sampler))
-            .collect();
+        let all: Vec<&Known> = parts.flat_map(|part| forwards.known(part)).collect();
         assert_eq!(forwards.generated(), all.len() - 1);
         for (block, (samples, on_surface)) in blocks.iter().zip(&found) {
             let around = all.iter().filter(|known| block.reach.contains(known.place));
