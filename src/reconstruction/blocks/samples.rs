@@ -59,8 +59,11 @@ struct Part {
     far: Vec<Vec3>,
     /// Number of the first of them.
     first_far: u32,
-    /// What is known of all of these, once somebody has asked.
-    known: OnceLock<Vec<Known>>,
+    /// What is known of those that were not given, once somebody has asked: of both places of each pair the steps that
+    /// the surface allows, of the others the distances; no number of those that the surface leaves open.
+    known: OnceLock<Vec<f64>>,
+    /// What a coarse field says of the distances of all whose distance is known; nothing where the blocks are not told.
+    coarse: Vec<f64>,
 }
 
 /// A place whose distance is known.
@@ -151,14 +154,14 @@ impl<'a> Places<'a> {
     pub(super) fn over(mut self, coarse: &CoarseLengths<'_>) -> Result<Self, Error> {
         self.ask_all();
         self.coarse = coarse.at(&pick(&self.sampler.surface.points, self.fitted))?;
-        let known = self
+        let of_each: Vec<Vec<Vec3>> = self
             .parts
-            .iter_mut()
-            .filter_map(|part| part.known.get_mut());
-        let mut known: Vec<&mut Known> = known.flatten().collect();
-        let places: Vec<Vec3> = known.iter().map(|known| known.place).collect();
-        for (known, coarse) in known.iter_mut().zip(coarse.at(&places)?) {
-            known.coarse = coarse;
+            .iter()
+            .map(|part| self.known(part).map(|known| known.place).collect())
+            .collect();
+        let mut lengths = coarse.at(&of_each.concat())?.into_iter();
+        for (part, places) in self.parts.iter_mut().zip(of_each) {
+            part.coarse = lengths.by_ref().take(places.len()).collect();
         }
         Ok(self)
     }
@@ -166,44 +169,64 @@ impl<'a> Places<'a> {
     /// Number of places beside the surface and away from it whose distance was not given.
     pub(super) fn generated(&self) -> usize {
         self.ask_all();
-        let known = |part: &Part| part.known.get().map_or(0, Vec::len) - part.given.len();
+        let known = |part| self.known(part).count() - part.given.len();
         self.parts.iter().map(known).sum()
     }
 
     /// Has all places asked about, on all threads.
     fn ask_all(&self) {
         self.parts.par_iter().for_each(|part| {
-            self.known(part);
+            self.asked(part);
         });
     }
 
     /// Asks about the places of block `k`, on the calling thread.
     pub(super) fn ask(&self, k: usize) {
-        self.known_around(k).for_each(drop);
+        for &part in &self.parts_of[k] {
+            self.asked(&self.parts[part as usize]);
+        }
     }
 
     /// What is known of the parts that may have places in the reach of block `k`.
-    fn known_around(&self, k: usize) -> impl Iterator<Item = &[Known]> {
+    fn known_around(&self, k: usize) -> impl Iterator<Item = Known> {
         let parts = self.parts_of[k].iter();
-        parts.map(|&part| self.known(&self.parts[part as usize]))
+        parts.flat_map(|&part| self.known(&self.parts[part as usize]))
     }
 
-    /// What is known of the places of a part, those left out that the surface leaves open.
-    fn known<'p>(&self, part: &'p Part) -> &'p [Known] {
+    /// The places of a part whose distances are known.
+    fn known<'p>(&'p self, part: &'p Part) -> impl Iterator<Item = Known> + 'p {
+        let (steps, distances) = self.asked(part).split_at(2 * part.pairs.len());
+        let beside = (0..).zip(steps).filter(|(_, length)| !length.is_nan());
+        let beside = beside.map(|(at, length)| {
+            let (n, _) = part.pairs[at / 2];
+            let step = (self.fitted[n as usize], *length);
+            let (place, target) = self.sampler.at_step(step);
+            Known::new(2 * n + (at % 2) as u32, (place, FARTHEST * target))
+        });
+        let away = (part.first_far..).zip(part.far.iter().zip(distances));
+        let away = away.filter(|(_, (_, distance))| !distance.is_nan());
+        let found =
+            beside.chain(away.map(|(n, (place, distance))| Known::new(n, (*place, *distance))));
+        let all = part.given.iter().copied().chain(found).enumerate();
+        all.map(|(at, known)| Known {
+            coarse: part.coarse.get(at).copied().unwrap_or_default(),
+            ..known
+        })
+    }
+
+    /// What the surface says of the places of a part.
+    fn asked<'p>(&self, part: &'p Part) -> &'p [f64] {
         part.known.get_or_init(|| {
-            let both_ways = |(n, share): &(u32, f64)| {
-                let pair = self.sampler.both_ways(self.fitted[*n as usize], *share);
-                [(2 * n, pair[0]), (2 * n + 1, pair[1])]
-            };
-            let (numbers, steps): (Vec<u32>, Vec<Step>) =
-                part.pairs.iter().flat_map(both_ways).unzip();
-            let beside = numbers.into_iter().zip(self.sampler.along(&steps));
-            let away = (part.first_far..).zip(self.sampler.at_each(&part.far));
-            let known = beside.chain(away).filter_map(|(number, sample)| {
-                let (place, target) = sample?;
-                Some(Known::new(number, (place, FARTHEST * target)))
+            let steps = part.pairs.iter();
+            let steps = steps.flat_map(|(n, share)| {
+                let point = self.fitted[*n as usize];
+                self.sampler.both_ways(point, *share)
             });
-            part.given.iter().copied().chain(known).collect()
+            let beside = self.sampler.kept(&steps.collect::<Vec<Step>>());
+            let away = self.sampler.at_each(&part.far).into_iter();
+            let away = away.map(|sample| Some(FARTHEST * sample?.1));
+            let all = beside.into_iter().chain(away);
+            all.map(|known| known.unwrap_or(f64::NAN)).collect()
         })
     }
 
@@ -229,8 +252,8 @@ impl<'a> Places<'a> {
             sample(point, 0.0, coarse.unwrap_or_default())
         });
         let mut samples = on_surface.collect::<Samples>().weighing(weight);
-        let around = self.known_around(k).flatten();
-        let mut around: Vec<&Known> = around
+        let around = self.known_around(k);
+        let mut around: Vec<Known> = around
             .filter(|known| block.reach.contains(known.place))
             .collect();
         around.sort_unstable_by_key(|known| known.number);
@@ -356,7 +379,7 @@ mod tests {
             assert_eq!(of(&backwards, k), found[k], "block {k}");
         }
         let parts = forwards.parts.iter();
-        let all: Vec<&Known> = parts.flat_map(|part| forwards.known(part)).collect();
+        let all: Vec<Known> = parts.flat_map(|part| forwards.known(part)).collect();
         assert_eq!(forwards.generated(), all.len() - 1);
         for (block, (samples, on_surface)) in blocks.iter().zip(&found) {
             let around = all.iter().filter(|known| block.reach.contains(known.place));

@@ -83,39 +83,54 @@ impl Sampler<'_> {
     }
 
     /// The near sample of each of `steps`; none where the surface allows none.
-    pub fn along(&self, steps: &[Step]) -> Vec<Option<(Vec3, f64)>> {
-        let mut found = self.confirmed(steps);
-        let missing: Vec<usize> = (0..steps.len()).filter(|&k| found[k].is_none()).collect();
-        let halved: Vec<Step> = missing
-            .iter()
-            .map(|&k| (steps[k].0, 0.5 * steps[k].1))
-            .collect();
-        for (k, nearer) in missing.into_iter().zip(self.confirmed(&halved)) {
-            found[k] = nearer;
-        }
-        found
+    fn along(&self, steps: &[Step]) -> Vec<Option<(Vec3, f64)>> {
+        let kept = steps.iter().zip(self.kept(steps));
+        kept.map(|(&(i, _), length)| Some(self.at_step((i, length?))))
+            .collect()
     }
 
-    /// The sample at each step along the normal of a point, if it is where it should be.
-    fn confirmed(&self, steps: &[Step]) -> Vec<Option<(Vec3, f64)>> {
+    /// The length that the surface allows each of `steps`, which is its own or half of it; none where it allows neither.
+    pub fn kept(&self, steps: &[Step]) -> Vec<Option<f64>> {
+        let whole = self.confirmed(steps);
+        let missing: Vec<usize> = (0..steps.len()).filter(|&k| !whole[k]).collect();
+        let halved = |&k: &usize| (steps[k].0, 0.5 * steps[k].1);
+        let halved: Vec<Step> = missing.iter().map(halved).collect();
+        let mut kept: Vec<Option<f64>> = steps.iter().map(|step| Some(step.1)).collect();
+        for ((k, &(_, length)), is_kept) in missing
+            .into_iter()
+            .zip(&halved)
+            .zip(self.confirmed(&halved))
+        {
+            kept[k] = is_kept.then_some(length);
+        }
+        kept
+    }
+
+    /// The sample at a step that was kept.
+    pub fn at_step(&self, step: Step) -> (Vec3, f64) {
+        let target = self.grading.target(step.1 < 0.0, step.1.abs());
+        (self.place(step), target)
+    }
+
+    fn place(&self, (i, length): Step) -> Vec3 {
+        along(self.surface.points[i], length, self.surface.normals[i])
+    }
+
+    /// Whether the place at each step along the normal of a point is where it should be.
+    fn confirmed(&self, steps: &[Step]) -> Vec<bool> {
         let surface = self.surface;
-        let at = |&(i, step): &Step| along(surface.points[i], step, surface.normals[i]);
-        let queries: Vec<Vec3> = steps.iter().map(at).collect();
+        let queries: Vec<Vec3> = steps.iter().map(|&step| self.place(step)).collect();
         let places = surface.places(&queries, self.threads);
         let is_clear = |k: &usize| {
-            let ((i, step), place) = (steps[*k], &places[*k]);
+            let ((i, length), place) = (steps[*k], &places[*k]);
             dot(surface.normals[place.nearest], surface.normals[i]) > 0.0
-                && surface.distance(place) >= LEAST_CLEARANCE * step.abs()
+                && surface.distance(place) >= LEAST_CLEARANCE * length.abs()
         };
         let clear: Vec<usize> = (0..steps.len()).filter(is_clear).collect();
-        let mut found = vec![None; steps.len()];
+        let mut found = vec![false; steps.len()];
         let sides = surface.inside(&pick(&places, &clear), self.threads);
         for (&k, inside) in clear.iter().zip(sides) {
-            let expected = steps[k].1 < 0.0;
-            if inside == Some(expected) {
-                let target = self.grading.target(expected, steps[k].1.abs());
-                found[k] = Some((queries[k], target));
-            }
+            found[k] = inside == Some(steps[k].1 < 0.0);
         }
         found
     }
