@@ -19,6 +19,10 @@ use crate::reconstruction::vector::{Vec3, add, along, cross, dot, normalized, sc
 /// jumping to another sheet.
 const LONGEST_STEP: f64 = 0.5;
 
+/// Steps shorter than this share of a cell are taken without asking the field again: what they leave is about their
+/// square, and the normal turns by no more than their length over the radius of the surface.
+const SHORT_STEP: f64 = 1e-3;
+
 /// Vertices on the zero set.
 pub(super) struct Projected {
     pub(super) vertices: Vec<Vec3>,
@@ -57,20 +61,27 @@ pub(super) fn project(
             longest[cap - positions.len()] = 0.0;
         }
         let mut vertices = evaluate(field, request, batch.to_vec())?;
+        evaluations += batch.len();
+        let mut moving: Vec<usize> = (0..batch.len()).collect();
         for _ in 0..request.projection_steps {
-            let trial = (0..longest.len())
-                .map(|v| vertices.step(v, longest[v]))
-                .collect();
-            let trial = evaluate(field, request, trial)?;
-            for (v, longest) in longest.iter_mut().enumerate() {
-                if trial.values[v].abs() < vertices.values[v].abs() {
-                    vertices.copy(v, &trial);
+            moving.retain(|&v| {
+                let is_short = vertices.to_zero(v).abs() < SHORT_STEP * spacing;
+                if is_short {
+                    vertices.positions[v] = vertices.step(v, longest[v]);
+                }
+                !is_short
+            });
+            let trial = moving.iter().map(|&v| vertices.step(v, longest[v]));
+            let trial = evaluate(field, request, trial.collect())?;
+            evaluations += moving.len();
+            for (k, &v) in moving.iter().enumerate() {
+                if trial.values[k].abs() < vertices.values[v].abs() {
+                    vertices.set(v, &trial, k);
                 } else {
-                    *longest *= 0.5;
+                    longest[v] *= 0.5;
                 }
             }
         }
-        evaluations += (request.projection_steps + 1) * batch.len();
         positions.extend(vertices.positions);
         gradients.extend(vertices.gradients);
         let done = positions.len() as f64 / count as f64;
@@ -120,22 +131,28 @@ fn evaluate(
 }
 
 impl Vertices {
-    /// Where a Newton step of at most `longest` takes vertex `v`.
-    fn step(&self, v: usize, longest: f64) -> Vec3 {
-        let (position, gradient) = (self.positions[v], self.gradients[v]);
-        let squared = dot(gradient, gradient);
-        if !squared.is_normal() {
-            return position;
+    /// How far the zero set is from vertex `v` by the slope there, along -∇f; 0 where there is no slope.
+    fn to_zero(&self, v: usize) -> f64 {
+        let squared = dot(self.gradients[v], self.gradients[v]);
+        if squared.is_normal() {
+            self.values[v] / squared.sqrt()
+        } else {
+            0.0
         }
-        let longest = longest / squared.sqrt();
-        let step = (self.values[v] / squared).clamp(-longest, longest);
-        along(position, -step, gradient)
     }
 
-    fn copy(&mut self, v: usize, other: &Self) {
-        self.positions[v] = other.positions[v];
-        self.values[v] = other.values[v];
-        self.gradients[v] = other.gradients[v];
+    /// Where a Newton step of at most `longest` takes vertex `v`.
+    fn step(&self, v: usize, longest: f64) -> Vec3 {
+        let length = self.to_zero(v).clamp(-longest, longest);
+        let direction = normalized(self.gradients[v]).unwrap_or_default();
+        along(self.positions[v], -length, direction)
+    }
+
+    /// Makes vertex `v` number `k` of the others.
+    fn set(&mut self, v: usize, others: &Self, k: usize) {
+        self.positions[v] = others.positions[k];
+        self.values[v] = others.values[k];
+        self.gradients[v] = others.gradients[k];
     }
 }
 

@@ -2,9 +2,11 @@
 //!
 //! The levels are grids of stride S, S/2, ..., 1 over the same points, so that the last one is the
 //! dense grid and every point is evaluated once. A cell goes on to the next level when its corners
-//! differ in sign or when the field is so small in it that a thin part may lie between them. What
-//! is missed by that and touches what is found is followed from point to point until the surface
-//! is closed; so a component is either found whole or, if no cell of any level saw it, not at all.
+//! differ in sign or when the field is so small in it that a thin part may lie between them. At the
+//! last level only those points of it are evaluated between which the surface can be, as far as the
+//! field is seen to bend. What is missed by that and touches what is found is followed from point
+//! to point until the surface is closed; so a component is either found whole or, if no cell of any
+//! level saw it, not at all.
 
 use rayon::prelude::*;
 
@@ -39,11 +41,13 @@ pub(super) fn sample(source: &mut Source<'_>) -> Result<Samples, Error> {
         let stride = 1 << level;
         wanted.clear();
         for block in &blocks {
-            for at in block_points(&lattice, *block, stride)
-                .into_iter()
-                .flatten()
-                .flatten()
-            {
+            let points = block_points(&lattice, block.at, stride);
+            let near = match level {
+                0 => block.near_zeros(&samples, &points),
+                _ => ALL_POINTS,
+            };
+            let points = points.into_iter().flatten().flatten().enumerate();
+            for (_, at) in points.filter(|(i, _)| near >> i & 1 == 1) {
                 wanted.insert(at);
             }
         }
@@ -60,7 +64,19 @@ pub(super) fn sample(source: &mut Source<'_>) -> Result<Samples, Error> {
 }
 
 /// A block of two cells of a level along each axis: what one cell of the level before becomes.
-type Block = [u16; 3];
+#[derive(Clone, Copy)]
+struct Block {
+    /// Its number along each axis.
+    at: [u16; 3],
+    /// How much the field is seen to bend around it, see [`bend`]; infinite where that does not tell where its zeros are.
+    bend: f32,
+}
+
+/// In a set of the 3 x 3 x 3 points of a block, x running fastest: all of them.
+const ALL_POINTS: u32 = (1 << 27) - 1;
+
+/// In such a set: the corners of the first of its cells.
+const FIRST_CELL: u32 = 0b011_011 << 9 | 0b011_011;
 
 fn all_blocks(lattice: &Lattice, stride: usize) -> Vec<Block> {
     let [x, y, z] = lattice
@@ -69,7 +85,51 @@ fn all_blocks(lattice: &Lattice, stride: usize) -> Vec<Block> {
         .map(|points| (points - 1).div_ceil(2 * stride) as u16);
     (0..z)
         .flat_map(|k| (0..y).flat_map(move |j| (0..x).map(move |i| [i, j, k])))
+        .map(|at| Block {
+            at,
+            bend: f32::INFINITY,
+        })
         .collect()
+}
+
+impl Block {
+    /// Which of its `points` are corners of a cell that may hold a zero, given the samples at its own corners.
+    ///
+    /// Between these the field is taken as linear along each axis, give or take half of its bend.
+    fn near_zeros(&self, samples: &Samples, points: &[[[usize; 3]; 3]; 3]) -> u32 {
+        if self.bend.is_infinite() {
+            return ALL_POINTS;
+        }
+        let corner = |i: usize, j: usize, k: usize| {
+            let value = samples.get(points[k][j][i]);
+            value.expect("corners of a block are of the level before")
+        };
+        let row = |j, k| halved(corner(0, j, k), corner(2, j, k));
+        let layer = |k| {
+            let (first, last) = (row(0, k), row(2, k));
+            let [a, b, c] = std::array::from_fn(|i| halved(first[i], last[i]));
+            std::array::from_fn(|j| [a[j], b[j], c[j]])
+        };
+        let (first, last): ([[f64; 3]; 3], [[f64; 3]; 3]) = (layer(0), layer(2));
+        let middle =
+            std::array::from_fn(|j| std::array::from_fn(|i| 0.5 * (first[j][i] + last[j][i])));
+        let expected = [first, middle, last];
+        let doubt = 0.5 * f64::from(self.bend);
+        (0..8).fold(0, |near, child| {
+            let [i, j, k] = std::array::from_fn(|axis| child >> axis & 1);
+            let corners = corners(&expected, [i, j, k]);
+            if differ_in_sign(&corners) || corners.iter().any(|value| value.abs() < doubt) {
+                near | FIRST_CELL << (i + 3 * j + 9 * k)
+            } else {
+                near
+            }
+        })
+    }
+}
+
+/// Two values and their mean between them.
+fn halved(first: f64, last: f64) -> [f64; 3] {
+    [first, 0.5 * (first + last), last]
 }
 
 /// Coordinates of the plane `number` of a level; the last one is the border of the grid, whether
@@ -78,10 +138,10 @@ fn plane(lattice: &Lattice, axis: usize, number: usize, stride: usize) -> usize 
     (number * stride + 1).min(lattice.grid.points[axis])
 }
 
-/// The 3 x 3 x 3 points of a block, as `[z][y][x]`.
-fn block_points(lattice: &Lattice, block: Block, stride: usize) -> [[[usize; 3]; 3]; 3] {
+/// The 3 x 3 x 3 points of the block there, as `[z][y][x]`.
+fn block_points(lattice: &Lattice, at: [u16; 3], stride: usize) -> [[[usize; 3]; 3]; 3] {
     let planes: [[usize; 3]; 3] = std::array::from_fn(|axis| {
-        std::array::from_fn(|i| plane(lattice, axis, 2 * usize::from(block[axis]) + i, stride))
+        std::array::from_fn(|i| plane(lattice, axis, 2 * usize::from(at[axis]) + i, stride))
     });
     std::array::from_fn(|k| {
         std::array::from_fn(|j| {
@@ -94,32 +154,62 @@ fn block_points(lattice: &Lattice, block: Block, stride: usize) -> [[[usize; 3];
 fn refine(samples: &Samples, lattice: &Lattice, blocks: &[Block], stride: usize) -> Vec<Block> {
     let mut finer = Vec::new();
     for block in blocks {
-        let values = block_points(lattice, *block, stride).map(|layer| {
+        let values = block_points(lattice, block.at, stride).map(|layer| {
             layer.map(|row| row.map(|at| samples.get(at).expect("blocks are sampled whole")))
         });
         let change = change_along_edges(&values);
+        let bend = bend(&values);
         for child in 0..8 {
             let offset: [usize; 3] = std::array::from_fn(|axis| child >> axis & 1);
-            let cell: Block = std::array::from_fn(|axis| 2 * block[axis] + offset[axis] as u16);
+            let at: [u16; 3] = std::array::from_fn(|a| 2 * block.at[a] + offset[a] as u16);
             let low: [usize; 3] =
-                std::array::from_fn(|a| plane(lattice, a, usize::from(cell[a]), stride));
+                std::array::from_fn(|a| plane(lattice, a, usize::from(at[a]), stride));
             if (0..3).any(|axis| low[axis] == lattice.grid.points[axis]) {
                 continue; // the block is cut short by the border, and this cell is beyond it
             }
-            let corners: [f64; 8] = std::array::from_fn(|corner| {
-                let [i, j, k] = std::array::from_fn(|axis| offset[axis] + (corner >> axis & 1));
-                values[k][j][i]
-            });
+            let corners = corners(&values, offset);
             let at_border = (0..3).any(|a| {
                 low[a] == 1
-                    || plane(lattice, a, usize::from(cell[a]) + 1, stride) == lattice.grid.points[a]
+                    || plane(lattice, a, usize::from(at[a]) + 1, stride) == lattice.grid.points[a]
             });
             if may_hold_zero(&corners, change, at_border) {
-                finer.push(cell);
+                // Cells at the border have other lengths, and the frame beside them.
+                let bend = if at_border { f32::INFINITY } else { bend };
+                finer.push(Block { at, bend });
             }
         }
     }
     finer
+}
+
+/// The values at the corners of the cell of a block that is so far from its first one.
+fn corners(values: &[[[f64; 3]; 3]; 3], offset: [usize; 3]) -> [f64; 8] {
+    std::array::from_fn(|corner| {
+        let [i, j, k] = std::array::from_fn(|axis| offset[axis] + (corner >> axis & 1));
+        values[k][j][i]
+    })
+}
+
+/// The largest second difference along each axis, in sum.
+///
+/// A field that bends evenly is at most an eighth of that off what the corners of a cell tell. A sheet that is thinner
+/// than a cell bends the field where it is: of points along an axis across it, the one before the first beyond the sheet
+/// is at most half of their second difference away.
+fn bend(values: &[[[f64; 3]; 3]; 3]) -> f32 {
+    let mut largest = [0.0_f64; 3];
+    for k in 0..3 {
+        for j in 0..3 {
+            let lines = [
+                [values[k][j][0], values[k][j][1], values[k][j][2]],
+                [values[k][0][j], values[k][1][j], values[k][2][j]],
+                [values[0][k][j], values[1][k][j], values[2][k][j]],
+            ];
+            for (largest, [a, b, c]) in largest.iter_mut().zip(lines) {
+                *largest = largest.max((a - 2.0 * b + c).abs());
+            }
+        }
+    }
+    largest.iter().sum::<f64>() as f32
 }
 
 /// How much the field is seen to change along an edge in the direction of its gradient.
@@ -147,10 +237,14 @@ fn change_along_edges(values: &[[[f64; 3]; 3]; 3]) -> f64 {
 }
 
 fn may_hold_zero(corners: &[f64; 8], change: f64, at_border: bool) -> bool {
-    let inside = corners.iter().filter(|value| **value > 0.0).count();
     let mean = corners.iter().map(|value| value.abs()).sum::<f64>() / 8.0;
     // At the border the frame is outside, so that the field need not change its sign there.
-    (1..8).contains(&inside) || (at_border && inside > 0) || mean < REACH * change
+    differ_in_sign(corners) || (at_border && corners[0] > 0.0) || mean < REACH * change
+}
+
+fn differ_in_sign(corners: &[f64; 8]) -> bool {
+    let inside = corners.iter().filter(|value| **value > 0.0).count();
+    (1..8).contains(&inside)
 }
 
 /// Completes the cells around every edge at a `fresh` point that the surface crosses, until no new

@@ -103,16 +103,15 @@ fn projection_reaches_the_zero_set_and_normals_point_outwards() {
         .iter()
         .zip(&extraction.mesh.normals)
     {
-        // Newton's method squares an error of 1e-3 twice, then rounding of numbers near 1 is left;
-        // the gradient is a central difference with an error of about 1e-10.
-        assert!((norm(*vertex) - 0.7).abs() < 1e-12);
+        // The last step was shorter than 1e-3 of a cell, 4e-5, of which Newton's method leaves the square over the
+        // diameter; the normal is that of where it began.
+        assert!((norm(*vertex) - 0.7).abs() < 2e-9);
         assert!((norm(*normal) - 1.0).abs() < 1e-12);
         assert!(dot(*normal, *vertex) > 0.7 * (1.0 - 1e-8));
     }
-    assert_eq!(
-        extraction.gradient_evaluations,
-        5 * extraction.mesh.vertices.len() as u64
-    );
+    // Most vertices are there after one step, and the second one is short.
+    let asked = extraction.gradient_evaluations as f64 / extraction.mesh.vertices.len() as f64;
+    assert!((1.5..2.3).contains(&asked), "{asked} a vertex");
 }
 
 #[test]
@@ -213,6 +212,42 @@ fn parts_between_the_coarse_points_are_found() {
             sparse.is_ok_and(|sparse| sparse.mesh == dense.mesh),
             "{name}"
         );
+    }
+}
+
+#[test]
+fn thin_parts_are_found_however_they_lie() {
+    let mut random = stream(3, Purpose::Shape);
+    let mut within =
+        |limit: f64| -> Vec3 { std::array::from_fn(|_| random.random_range(-limit..limit)) };
+    for round in 0..60 {
+        let (centre, direction) = (within(0.3), within(1.0));
+        let length = norm(direction);
+        let along = move |p: Vec3| {
+            let arm: Vec3 = std::array::from_fn(|a| p[a] - centre[a]);
+            (dot(arm, direction) / length, norm(arm))
+        };
+        // From a third of a cell to two of them.
+        let half = (0.2 + f64::from(round % 7) * 0.15) / 64.0;
+        let plate = analytic(move |p: Vec3| {
+            let (across, away) = along(p);
+            half - across.abs().max(away - 0.5)
+        });
+        let rod = analytic(move |p: Vec3| {
+            let (across, away) = along(p);
+            half - (away * away - across * across)
+                .max(0.0)
+                .sqrt()
+                .max(across.abs() - 0.4)
+        });
+        for (name, field) in [("plate", &plate as &dyn Field), ("rod", &rod)] {
+            let dense = extract(field, &dense(request(129, 0)));
+            let sparse = extract(field, &request(129, 0));
+            match (sparse, dense) {
+                (Ok(sparse), Ok(dense)) => assert_eq!(sparse.mesh, dense.mesh, "{name} {round}"),
+                (sparse, dense) => assert!(sparse.is_err() && dense.is_err(), "{name} {round}"),
+            }
+        }
     }
 }
 
