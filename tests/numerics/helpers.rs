@@ -119,7 +119,7 @@ fn the_bits_do_not_depend_on_helpers() {
     let settings = settings();
     let alone = run(&settings, 2, None);
     let count = alone.report.blocks.as_ref().unwrap().count;
-    let shares = count.div_ceil(256);
+    let shares = count.div_ceil(64);
     assert!(shares > 3, "{count}");
     for (way, threads) in [Way::Help, Way::Spoil, Way::Vanish, Way::Mix]
         .into_iter()

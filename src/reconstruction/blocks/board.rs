@@ -8,9 +8,16 @@ use super::share::networks;
 use crate::reconstruction::network::Scalar;
 use crate::reconstruction::training::Identity;
 
-/// Blocks of a share. They take a core some seconds, much longer than their bytes are on their way, and a cloud that
+/// Most blocks of a share. They take a core some seconds, much longer than their bytes are on their way, and a cloud that
 /// is done in seconds has no share to offer.
-const BLOCKS: usize = 256;
+const MOST: usize = 256;
+
+/// Fewest blocks of a share, but for the first one.
+const FEWEST: usize = 64;
+
+/// A share is so small a part of the blocks that come before its end. Others take shares from the end on until they meet
+/// the run, which comes from the beginning: near there, the smaller the shares, the less all wait for the last one.
+const PART: usize = 16;
 
 /// Blocks and their networks.
 pub(super) struct Board<T> {
@@ -72,7 +79,15 @@ impl<T: Scalar> Board<T> {
                 offer: None,
             }
         };
-        let shares = all.chunks(BLOCKS).map(share).collect();
+        let mut shares = Vec::new();
+        let mut rest = &all[..];
+        while !rest.is_empty() {
+            let size = (rest.len() / PART).clamp(FEWEST, MOST).min(rest.len());
+            let (before, blocks) = rest.split_at(rest.len() - size);
+            shares.push(share(blocks));
+            rest = before;
+        }
+        shares.reverse();
         Self {
             done,
             shares,
@@ -177,32 +192,47 @@ mod tests {
     use super::*;
 
     #[test]
+    fn shares_become_smaller_towards_the_beginning() {
+        for count in [1, FEWEST, 200, 3_000, 9_069, 45_432] {
+            let board = Board::<f32>::new(vec![None; count]);
+            let sizes: Vec<usize> = board.shares.iter().map(|share| share.open.len()).collect();
+            assert!(
+                sizes.is_sorted() && sizes.iter().all(|size| *size <= MOST),
+                "{sizes:?}"
+            );
+            assert!(sizes[1..].iter().all(|size| *size >= FEWEST), "{sizes:?}");
+            let blocks = board.shares.iter().flat_map(|share| &share.open);
+            assert!(blocks.copied().eq(0..count));
+        }
+    }
+
+    #[test]
     fn shares_are_offered_once_their_places_were_asked_about_unless_the_run_has_begun_with_them() {
-        let mut board = Board::<f32>::new(vec![None; 3 * BLOCKS]);
+        let mut board = Board::<f32>::new(vec![None; 3 * FEWEST]);
         // One is left for the run.
         board.choose(5);
         for expected in [2, 1] {
-            for k in 0..BLOCKS {
+            for k in 0..FEWEST {
                 assert!(expected == 1 || board.ready().is_none());
                 let Some(Next::Places { share, block }) = board.next() else {
                     panic!("places come first");
                 };
-                assert_eq!((share, block), (expected, expected * BLOCKS + k));
+                assert_eq!((share, block), (expected, expected * FEWEST + k));
                 board.asked(share);
             }
         }
         let (share, blocks) = board.ready().unwrap();
-        assert_eq!((share, blocks[0], blocks.len()), (2, 2 * BLOCKS, BLOCKS));
+        assert_eq!((share, blocks[0], blocks.len()), (2, 2 * FEWEST, FEWEST));
         assert!(board.offered(share, Identity::of(b"input")));
         assert_eq!(board.ready().unwrap().0, 1);
         // The run goes through its own, then through the share that was not offered yet, then through the other.
-        for k in 0..3 * BLOCKS {
+        for k in 0..3 * FEWEST {
             let Some(Next::Fit { block, withdrawn }) = board.next() else {
                 panic!("only blocks are left");
             };
             assert_eq!(block, k);
-            assert_eq!(withdrawn, (k == 2 * BLOCKS).then_some(2));
-            if k == BLOCKS {
+            assert_eq!(withdrawn, (k == 2 * FEWEST).then_some(2));
+            if k == FEWEST {
                 assert!(board.ready().is_none());
                 assert!(!board.offered(1, Identity::of(b"late")));
             }
