@@ -90,11 +90,11 @@ impl<'a> Judge<'a> {
 
     /// How far the mesh and those of the points are from each other; `None` without points.
     ///
-    /// They may be some of a cloud only, even a single one: percentages refer to the box of
+    /// They may be some of a cloud only, even a single one: percentages refer to the box of the
     /// `whole`, or, where all of that lies in one place, to the box of the mesh.
-    pub fn compare(&self, those: Range<usize>, whole: &[Vec3]) -> Option<Comparison> {
+    pub fn compare(&self, those: Range<usize>, whole: Option<Bounds>) -> Option<Comparison> {
         let diagonal = |bounds: Option<Bounds>| bounds.map(|bounds| bounds.diagonal());
-        let of_whole = diagonal(Bounds::of(whole)).filter(|&length| length > 0.0);
+        let of_whole = diagonal(whole).filter(|&length| length > 0.0);
         let diagonal = of_whole.or_else(|| diagonal(self.mesh.bounds()))?;
         let of_these = &self.closest[those.clone()];
         let to_mesh: Vec<f64> = of_these.iter().map(|closest| closest.distance).collect();

@@ -107,6 +107,8 @@ fn run<T: Scalar>(
     observer.event(Event::Phase(Phase::Surface));
     let progress = |share| observer.event(Event::Progress(share));
     let (mesh, surface) = mesher.mesh(field.as_ref(), &stopped, &progress)?;
+    // So does the report.
+    drop(mesher);
     for warning in surface.warnings() {
         observer.event(Event::Warning(&warning));
     }

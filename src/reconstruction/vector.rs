@@ -3,6 +3,8 @@
 //! Plain arrays instead of a linear-algebra crate: every format, tensor and tree here speaks
 //! `[f64; 3]`, and nothing larger than three components is ever needed.
 
+use std::borrow::Borrow;
+
 use serde::{Deserialize, Serialize};
 
 /// A point or a direction: `[x, y, z]`.
@@ -89,8 +91,9 @@ pub struct Bounds {
 
 impl Bounds {
     /// The smallest box around `points`; `None` without points. Points are expected to be finite.
-    pub fn of<'a>(points: impl IntoIterator<Item = &'a Vec3>) -> Option<Self> {
+    pub fn of(points: impl IntoIterator<Item = impl Borrow<Vec3>>) -> Option<Self> {
         points.into_iter().fold(None, |bounds, p| {
+            let p = p.borrow();
             Some(bounds.map_or(Self { min: *p, max: *p }, |b: Self| Self {
                 min: std::array::from_fn(|i| b.min[i].min(p[i])),
                 max: std::array::from_fn(|i| b.max[i].max(p[i])),

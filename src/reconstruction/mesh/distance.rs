@@ -159,6 +159,7 @@ fn closest_by_parts(mesh: &TriangleMesh, points: &[Vec3], part: usize) -> Option
         };
         ((), tree) = rayon::join(ask, || tree_from(first + part));
     }
+    drop(sorted);
     let mut all = found.clone();
     for (&(_, i), found) in order.iter().zip(found) {
         all[i as usize] = found;

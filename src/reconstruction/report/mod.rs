@@ -23,7 +23,7 @@ use crate::reconstruction::slices::{Grid, Identifiers};
 use crate::reconstruction::space::Space;
 use crate::reconstruction::surface::Field;
 use crate::reconstruction::training::{Termination, Trained};
-use crate::reconstruction::vector::Vec3;
+use crate::reconstruction::vector::{Bounds, Vec3};
 
 pub use blocks::{BlocksReport, EachBlock};
 pub use field::FieldAtPoints;
@@ -251,8 +251,8 @@ impl Report {
             || quality::describe(mesh),
             || Judge::new(mesh, &points, settings.training.seed),
         );
-        let surface_points: Vec<Vec3> = prepared.measured(cloud).collect();
-        let compare = |those| judge.as_ref()?.compare(those, &surface_points);
+        let whole = Bounds::of(prepared.measured(cloud));
+        let compare = |those| judge.as_ref()?.compare(those, whole);
         let normal_agreement = cloud.normals.as_ref().and_then(|normals| {
             let normals: Vec<Vec3> = prepared.surface.iter().map(|&i| normals[i]).collect();
             judge.as_ref()?.normal_agreement(&normals)

@@ -96,12 +96,10 @@ fn support(
     if mesh.vertices.is_empty() {
         return support;
     }
-    let points: Vec<Vec3> = points
-        .iter()
-        .copied()
-        .filter(|p| p.iter().all(|v| v.is_finite()))
-        .collect();
-    let supported: Vec<Option<u32>> = map_nearby(&points, |i| {
+    let supported: Vec<Option<u32>> = map_nearby(points, |i| {
+        if !points[i].iter().all(|v| v.is_finite()) {
+            return None;
+        }
         let nearest = tree
             .query(&points[i])
             .nearest_one::<SquaredEuclidean<f64>>()

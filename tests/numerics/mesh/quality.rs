@@ -5,7 +5,7 @@ use meshway::reconstruction::mesh::{
 };
 use meshway::reconstruction::quality::{Judge, compare_meshes, describe};
 use meshway::reconstruction::random::{Generator, Purpose, stream};
-use meshway::reconstruction::vector::{Vec3, distance, dot, norm, normalized};
+use meshway::reconstruction::vector::{Bounds, Vec3, distance, dot, norm, normalized};
 use rand::RngExt;
 
 use super::{cube, moved, sphere, tetrahedron, together, torus};
@@ -203,17 +203,17 @@ fn a_cloud_on_the_surface_is_near_it_both_ways() {
     let mesh = sphere(1.0, 5);
     let judge = Judge::new(&mesh, &mesh.vertices, 1).unwrap();
     let all = 0..mesh.vertices.len();
-    let comparison = judge.compare(all, &mesh.vertices).unwrap();
+    let comparison = judge.compare(all, Bounds::of(&mesh.vertices)).unwrap();
     assert!(comparison.cloud_to_mesh.max < 1e-14);
     // No point of a facet is farther from a corner than half of the longest edge / cos 30°.
     assert!(comparison.mesh_to_cloud.max < 0.05);
     assert!(comparison.mesh_to_cloud.mean > 0.005);
-    assert!(judge.compare(0..0, &mesh.vertices).is_none());
+    assert!(judge.compare(0..0, Bounds::of(&mesh.vertices)).is_none());
     // A single point, and even a cloud in one place, have percentages of something.
     let point = &[[0.0, 0.0, 2.0]];
     for whole in [&mesh.vertices[..], point] {
         let judge = Judge::new(&mesh, point, 1).unwrap();
-        let comparison = judge.compare(0..1, whole).unwrap();
+        let comparison = judge.compare(0..1, Bounds::of(whole)).unwrap();
         let percent = comparison.cloud_to_mesh.mean_percent;
         assert!(
             (percent - 100.0 / comparison.diagonal).abs() < 0.1,
