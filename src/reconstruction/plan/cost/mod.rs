@@ -58,18 +58,19 @@ const BLOCK_SAMPLES_PER_POINT: f64 = 4.5;
 const SECONDS_PER_ORIENTED_POINT: f64 = 1.5e-4;
 const SECONDS_PER_FURTHER_POINT: f64 = 2.8e-5;
 
-/// Evaluations of the field for each cell of the grid that the surface goes through, with one network and with blocks.
-const EVALUATIONS_PER_CELL: [f64; 2] = [7.5, 10.0];
+/// Evaluations of the field, with and without its gradient, for each cell of the grid that the surface goes through: with
+/// one network and with blocks.
+const EVALUATIONS_PER_CELL: [f64; 2] = [9.3, 9.8];
 
 /// Triangles for each such cell.
 const TRIANGLES_PER_CELL: f64 = 3.0;
 
 /// Seconds of such an evaluation besides the network, and what finding the blocks of its place adds to that.
-const SECONDS_PER_EVALUATION: f64 = 3.5e-7;
-const SECONDS_PER_LOOKUP: f64 = 7.0e-7;
+const SECONDS_PER_EVALUATION: f64 = 2.1e-7;
+const SECONDS_PER_LOOKUP: f64 = 4.2e-7;
 
 /// The network at the grid and at the vertices, for each evaluation of the field, over a loss with its gradient.
-const FIELD_WORK: f64 = 0.65;
+const FIELD_WORK: f64 = 0.39;
 
 /// Seconds of the report for each triangle and for each point.
 const SECONDS_PER_TRIANGLE: f64 = 2.2e-6;
@@ -90,8 +91,9 @@ const BYTES_PER_POINT: u64 = 300;
 /// Numbers that libtorch keeps for each neuron and sample, on the way forwards and back.
 const LIBTORCH_NUMBERS: u64 = 5;
 
-/// Bytes that a place of the samples of blocks takes, and its number in the lists of the blocks.
-const BYTES_PER_PLACE: f64 = 40.0;
+/// Bytes that a sample of a block takes: where its place is, what is known of that, and numbers of points in the lists of the
+/// blocks.
+const BYTES_PER_PLACE: f64 = 15.0;
 
 /// Bytes kept for each point of the sparse grid near the surface.
 const BYTES_PER_SAMPLE: u64 = 32;
