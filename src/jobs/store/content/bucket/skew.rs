@@ -106,9 +106,9 @@ impl HttpService for Client {
         if !is_refused(answer.status()) {
             self.clock.signed.set_ahead(ahead);
             tracing::warn!(
-                seconds = ahead / 1_000,
-                "the object store's clock is ahead of that of this machine by so many seconds: requests \
-                 are signed for its time"
+                store_ahead_seconds = ahead / 1_000,
+                "the clock of this machine is not that of the object store; requests are signed for \
+                 the time there"
             );
         }
         Ok(answer)
