@@ -247,10 +247,10 @@ mod tests {
     #[tokio::test]
     async fn the_newest_request_has_the_turn() {
         let turns = Turns::default();
-        let id = UploadId::new();
+        let id = UploadId::at(0);
         let first = turns.take(&id).await.unwrap();
         // Others are not touched.
-        drop(turns.take(&UploadId::new()).await.unwrap());
+        drop(turns.take(&UploadId::at(0)).await.unwrap());
         assert!(!first.cut.is_cancelled());
         let mut second = Box::pin(turns.take(&id));
         assert!(futures_util::poll!(&mut second).is_pending());

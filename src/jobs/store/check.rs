@@ -14,11 +14,12 @@ use sha2::{Digest, Sha256};
 
 use super::content::graves::is_named;
 use super::content::shelf::{Found, Shelf};
-use super::postgres::{Access, home};
+use super::postgres::{Access, TIME, home};
 use super::sql::{Readers, Row, query, scalar};
 use super::sqlite::{connect_options, readers};
 use super::{DATABASE_FILE, Options, Store};
 use crate::folder::{CLOUDS, names};
+use crate::jobs::clock::RemoteClock;
 use crate::jobs::{Error, Result};
 
 /// Rows that are read at a time.
@@ -172,8 +173,7 @@ impl Store {
     /// # Errors
     /// Where rows or bytes cannot be read: nothing is known then. `Elsewhere` if the bytes are in
     /// another folder than this one.
-    pub async fn check(data_dir: &Path, options: Options, hashes: bool) -> Result<Checked> {
-        let options = Arc::new(options);
+    pub async fn check(data_dir: &Path, mut options: Options, hashes: bool) -> Result<Checked> {
         let rows = match &options.database {
             None => {
                 let connect = connect_options(&data_dir.join(DATABASE_FILE), &options);
@@ -181,9 +181,16 @@ impl Store {
             }
             Some(url) => {
                 let access = Access::new(url, options.database_pooled)?;
-                Readers::Postgres(access.readers(&options), access.protocol())
+                let rows = Readers::Postgres(access.readers(&options), access.protocol());
+                let clock = RemoteClock::default();
+                clock.set(scalar(TIME).fetch_one(&rows).await?);
+                options
+                    .clock
+                    .get_or_insert_with(|| Arc::new(move || clock.now()));
+                rows
             }
         };
+        let options = Arc::new(options);
         let checked = Check::open(rows.clone(), data_dir, &options).await;
         let checked = match checked {
             Ok(check) => check.run(hashes).await,

@@ -14,13 +14,14 @@ use super::content::objects::Objects;
 use super::content::{lift, place};
 use super::engine::{Engine, Writer};
 use super::postgres::notice::Notices;
-use super::postgres::{Access, ServerClock, Session};
+use super::postgres::{Access, Session};
 use super::records::submits::Submits;
 use super::sql::{Db, Readers, scalar};
 use super::sqlite::shredder::Shredder;
 use super::sqlite::writer::ready;
 use super::sqlite::{MIGRATIONS, OPENING, connect_options, migrated, readers, writing};
 use super::{DATABASE_FILE, Inner, Options, Store};
+use crate::jobs::clock::RemoteClock;
 use crate::jobs::{Error, Result};
 
 /// The open database of the rows.
@@ -86,7 +87,7 @@ impl Store {
         mut options: Options,
         changed: watch::Sender<u64>,
     ) -> Result<Self> {
-        let clock = ServerClock::default();
+        let clock = RemoteClock::default();
         let committed = Arc::new(Notify::new());
         let access = Access::new(url, options.database_pooled)?;
         let mut session = Session::open(&access, clock.clone(), Arc::clone(&committed)).await?;

@@ -56,7 +56,7 @@ async fn an_act_and_its_row_are_one_and_refused_acts_have_none() {
     job.cloud_id = cloud.id.clone();
     let job = acts.submit(job, None).await.unwrap();
     let mut nowhere = bench.new_job();
-    nowhere.cloud_id = meshway::jobs::CloudId::new();
+    nowhere.cloud_id = meshway::jobs::CloudId::at(0);
     let refused = acts.submit(nowhere, None).await;
     assert!(
         matches!(refused, Err(Error::CloudMissing(_))),

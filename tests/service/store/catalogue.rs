@@ -167,7 +167,7 @@ async fn lists_go_backwards_in_pages_and_take_filters() {
     };
     assert_eq!(count(cloud).await, 6);
     let cloud = JobFilter {
-        cloud_id: Some(CloudId::new()),
+        cloud_id: Some(CloudId::at(0)),
         ..JobFilter::default()
     };
     assert_eq!(count(cloud).await, 0);

@@ -372,7 +372,7 @@ async fn a_cloud_stays_while_an_unfinished_job_needs_it() {
 #[tokio::test]
 async fn an_unknown_job_is_missing_everywhere() {
     let bench = Bench::new().await;
-    let id = meshway::jobs::JobId::new();
+    let id = meshway::jobs::JobId::at(0);
     assert_eq!(bench.records().job(&id).await.unwrap(), Lookup::Missing);
     assert_eq!(
         bench.acts().request_cancel(&id).await.unwrap(),

@@ -117,7 +117,7 @@ async fn keep(db: &mut SqliteConnection, key: &str, scope: &str, body: Option<&s
 async fn series_from_before_blocks_are_read() {
     let folder = tempfile::tempdir().unwrap();
     let mut db = database(folder.path(), FOURTH).await;
-    let id = JobId::new();
+    let id = JobId::at(0);
     sqlx::query(
         "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, created_at, metrics)
          VALUES (?1, 'c', 'queued', 'fast', '{}', '{}', 1, 1)",
@@ -146,7 +146,7 @@ async fn series_from_before_blocks_are_read() {
 async fn answers_about_clouds_are_found_in_older_databases() {
     let folder = tempfile::tempdir().unwrap();
     let mut db = database(folder.path(), SECOND).await;
-    let (here, erased) = (CloudId::new(), CloudId::new());
+    let (here, erased) = (CloudId::at(0), CloudId::at(0));
     let summary = json!({
         "format": "xyz", "gzipped": false, "points": 20, "normals": false, "dropped_non_finite": 0, "warnings": [],
         "bounds": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0]},
@@ -206,7 +206,7 @@ async fn answers_about_clouds_are_found_in_older_databases() {
 async fn what_older_databases_hold_is_kept_until_somebody_erases_it() {
     let folder = tempfile::tempdir().unwrap();
     let mut db = database(folder.path(), TENTH).await;
-    let (cloud, job) = (CloudId::new(), JobId::new());
+    let (cloud, job) = (CloudId::at(0), JobId::at(0));
     let summary = json!({
         "format": "xyz", "gzipped": false, "points": 20, "normals": false, "dropped_non_finite": 0, "warnings": [],
         "bounds": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0]},
@@ -263,14 +263,14 @@ async fn what_older_databases_hold_is_kept_until_somebody_erases_it() {
 async fn jobs_from_before_batches_are_in_none() {
     let folder = tempfile::tempdir().unwrap();
     let mut db = database(folder.path(), FOURTEENTH).await;
-    let job = JobId::new();
+    let job = JobId::at(0);
     let settings = serde_json::to_string(&Preset::Fast.settings()).unwrap();
     sqlx::query(
         "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, created_at, progress)
          VALUES (?1, ?2, 'queued', 'fast', ?3, '{}', 1, 0.5)",
     )
     .bind(job.as_str())
-    .bind(CloudId::new().as_str())
+    .bind(CloudId::at(0).as_str())
     .bind(settings)
     .execute(&mut db)
     .await
@@ -311,7 +311,7 @@ async fn jobs_from_before_batches_are_in_none() {
 async fn a_batch_from_before_webhooks_is_told_of() {
     let folder = tempfile::tempdir().unwrap();
     let mut db = database(folder.path(), FIFTEENTH).await;
-    let (job, batch) = (JobId::new(), BatchId::new());
+    let (job, batch) = (JobId::at(0), BatchId::at(0));
     let settings = serde_json::to_string(&Preset::Fast.settings()).unwrap();
     let insert = "INSERT INTO batches (id, tenant, made, created_at) VALUES (?1, 'default', 1, 1)";
     let insert = sqlx::query(insert).bind(batch.as_str());
@@ -321,7 +321,7 @@ async fn a_batch_from_before_webhooks_is_told_of() {
          VALUES (?1, ?2, 'queued', 'fast', ?3, '{}', 1, ?4)",
     )
     .bind(job.as_str())
-    .bind(CloudId::new().as_str())
+    .bind(CloudId::at(0).as_str())
     .bind(settings)
     .bind(batch.as_str())
     .execute(&mut db)

@@ -30,7 +30,7 @@ async fn insert_job(db: &mut SqliteConnection, id: &JobId, done: bool) {
          VALUES (?1, ?2, ?3, 'fast', ?4, '{}', 1, 1, ?5, ?6, 1)",
     )
     .bind(id.as_str())
-    .bind(CloudId::new().as_str())
+    .bind(CloudId::at(0).as_str())
     .bind(if done { "succeeded" } else { "queued" })
     .bind(settings)
     .bind(done.then_some(2))
@@ -74,8 +74,8 @@ impl Old {
     async fn make(folder: &Path) -> Self {
         let mut db = database(folder, FOURTH).await;
         let old = Self {
-            done: JobId::new(),
-            waiting: JobId::new(),
+            done: JobId::at(0),
+            waiting: JobId::at(0),
             mesh: (0..MESH_BYTES).map(|i| (i % 251) as u8).collect(),
         };
         insert_job(&mut db, &old.done, true).await;

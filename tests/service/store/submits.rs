@@ -32,7 +32,7 @@ async fn whatever_becomes_of_the_others_each_job_gets_its_own_answer() {
         ..bench.new_job()
     };
     let without_cloud = NewJob {
-        cloud_id: CloudId::new(),
+        cloud_id: CloudId::at(0),
         ..bench.new_job()
     };
     // No row may say that a job is kept for no time at all.

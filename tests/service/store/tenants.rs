@@ -22,7 +22,7 @@ fn stranger() -> Caller {
 async fn records_from_before_tenants_belong_to_the_default_one() {
     let folder = tempfile::tempdir().unwrap();
     let mut db = database(folder.path(), NINTH).await;
-    let (cloud, job, erased) = (CloudId::new(), JobId::new(), JobId::new());
+    let (cloud, job, erased) = (CloudId::at(0), JobId::at(0), JobId::at(0));
     let summary = json!({
         "format": "xyz", "gzipped": false, "points": 20, "normals": false, "dropped_non_finite": 0, "warnings": [],
         "bounds": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0]},

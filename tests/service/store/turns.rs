@@ -219,7 +219,7 @@ async fn jobs_from_before_turns_are_claimed_in_their_order() {
     let folder = tempfile::tempdir().unwrap();
     let mut db = database(folder.path(), TENTH).await;
     let settings = meshway::reconstruction::Preset::Fast.settings();
-    let ids = [JobId::new(), JobId::new()];
+    let ids = [JobId::at(0), JobId::at(0)];
     for (at, id) in (1..).zip(&ids) {
         sqlx::query(
             "INSERT INTO jobs (id, cloud_id, status, preset, settings, labels, created_at, events)

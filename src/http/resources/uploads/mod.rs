@@ -52,7 +52,7 @@ pub(in crate::http) async fn create(
     app.check_accepting()?;
     let length = asked.length(None, app.config.body_limit_bytes())?;
     app.disk.check(length.unwrap_or(0))?;
-    let id = UploadId::new();
+    let id = UploadId::at(app.store.now());
     parts::make(&app, &id).await?;
     let new = NewUpload {
         id: id.clone(),

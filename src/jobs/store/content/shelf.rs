@@ -13,8 +13,8 @@ use futures_util::TryStreamExt;
 use super::bucket::Bucket;
 use super::embedded::Embedded;
 use crate::config::ObjectsUrl;
+use crate::jobs::Result;
 use crate::jobs::store::{CONTENT_FILE, Options};
-use crate::jobs::{Result, clock};
 
 /// Objects that are listed in one statement.
 const PAGE: i64 = 5_000;
@@ -63,7 +63,7 @@ impl Shelf {
             Self::Bucket(bucket) => bucket.list().await,
             Self::Embedded(None, _) => Ok(HashMap::new()),
             Self::Embedded(Some(pool), options) => {
-                let before = clock::now() - options.garbage_age.as_millis() as i64;
+                let before = options.now() - options.garbage_age.as_millis() as i64;
                 let mut found = HashMap::new();
                 let mut last = String::new();
                 loop {

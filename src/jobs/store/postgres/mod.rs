@@ -17,7 +17,6 @@ pub(in crate::jobs::store) mod schema;
 
 use std::str::FromStr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
 use sqlx::postgres::{PgConnectOptions, PgConnection, PgPool, PgPoolOptions, PgRow};
@@ -26,10 +25,11 @@ use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
 use uuid::Uuid;
 
+use crate::jobs::clock::RemoteClock;
 use crate::jobs::store::sql::{Db, FLUSH, Protocol, in_time, scalar};
 use crate::jobs::store::writer::Session as _;
 use crate::jobs::store::{Options, writer};
-use crate::jobs::{Error, Result, clock};
+use crate::jobs::{Error, Result};
 use notice::Notices;
 
 /// Connections that read: each costs the server more than a megabyte.
@@ -49,6 +49,10 @@ const POOLED_BEGIN: &str = "BEGIN; SET LOCAL synchronous_commit = off;
     SELECT pg_advisory_xact_lock(5715126710434267),
     CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT);
     SELECT COALESCE(MAX(version), 0) FROM _sqlx_migrations";
+
+/// The time of the server, in milliseconds since the epoch.
+pub(in crate::jobs::store) const TIME: &str =
+    "SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)";
 
 /// Waits for the transactions that write of all other processes. The number of the lock is ours alone.
 pub(in crate::jobs::store) const LOCK: &str = "SELECT pg_advisory_xact_lock(5715126710434267)";
@@ -137,24 +141,6 @@ impl Access {
     }
 }
 
-/// The clock of the server, read off that of the machine: their difference is seen with each
-/// transaction that writes.
-#[derive(Clone, Default)]
-pub(in crate::jobs::store) struct ServerClock {
-    ahead: Arc<AtomicI64>,
-}
-
-impl ServerClock {
-    /// Milliseconds since the epoch.
-    pub(in crate::jobs::store) fn now(&self) -> i64 {
-        clock::now() + self.ahead.load(Ordering::Relaxed)
-    }
-
-    fn set(&self, now: i64) {
-        self.ahead.store(now - clock::now(), Ordering::Relaxed);
-    }
-}
-
 /// The connection that writes.
 pub(in crate::jobs::store) struct Session {
     access: Access,
@@ -166,7 +152,7 @@ pub(in crate::jobs::store) struct Session {
     commits: i64,
     /// The last migration that the tables had gone through then.
     version: i64,
-    clock: ServerClock,
+    clock: RemoteClock,
     committed: Arc<Notify>,
 }
 
@@ -178,14 +164,13 @@ impl Session {
     /// version.
     pub(in crate::jobs::store) async fn open(
         access: &Access,
-        clock: ServerClock,
+        clock: RemoteClock,
         committed: Arc<Notify>,
     ) -> Result<Self> {
         let mut db = access.connect().await?;
         schema::migrate(&mut db).await?;
         access.set_up(&mut db).await?;
-        let select = "SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)";
-        let row = sqlx::raw_sql(select).fetch_one(&mut db).await?;
+        let row = sqlx::raw_sql(TIME).fetch_one(&mut db).await?;
         let now: i64 = row.try_get(0)?;
         clock.set(now);
         let before = now - WRITER_LASTS_MS;

@@ -25,7 +25,7 @@ impl Acts<'_> {
         self.store
             .write(move |mut tx| {
                 Box::pin(async move {
-                    let id = BatchId::new();
+                    let id = BatchId::at(tx.now);
                     tx.insert_batch(&id, jobs.len() as u64, &caller).await?;
                     let wanted: Vec<_> = jobs.iter().map(|new| (new, &caller)).collect();
                     for job in tx.insert_jobs(&wanted, Some(&id)).await? {

@@ -35,7 +35,7 @@ impl Acts<'_> {
         self.store
             .name(&objects, move |mut tx| {
                 Box::pin(async move {
-                    let id = CloudId::new();
+                    let id = CloudId::at(tx.now);
                     if let Some(object) = &object {
                         tx.may_name(object).await?;
                         // The new object takes the place of the one before.

@@ -281,7 +281,7 @@ impl Transaction<'_> {
             "INSERT INTO deliveries (id, webhook_id, tenant, event, data, created_at, due_at)
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?6) RETURNING *",
         )
-        .bind(DeliveryId::new().as_str())
+        .bind(DeliveryId::at(self.now).as_str())
         .bind(webhook)
         .bind(tenant)
         .bind(news.name())

@@ -217,7 +217,7 @@ impl Transaction<'_> {
                 return Err(Error::QueueFull { limit });
             }
             waiting += 1;
-            Ok(JobId::new())
+            Ok(JobId::at(self.now))
         });
         Ok(checked.collect())
     }

@@ -13,7 +13,7 @@ impl Acts<'_> {
         self.store
             .write(move |mut tx| {
                 Box::pin(async move {
-                    let id = WebhookId::new();
+                    let id = WebhookId::at(tx.now);
                     let row = query(
                         "INSERT INTO webhooks (id, tenant, url, events, secret, created_at)
                          SELECT ?1, ?2, ?3, ?4, ?5, ?6

@@ -5,9 +5,9 @@ use std::path::Path;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
-use crate::jobs::Result;
 use crate::jobs::store::sql::{either, scalar};
 use crate::jobs::store::{DATABASE_FILE, Store};
+use crate::jobs::{Result, clock};
 
 /// Whether the folder holds a database that some version of this program made. Writes nothing.
 ///
@@ -41,14 +41,17 @@ pub async fn is_ours(data_dir: &Path) -> Result<bool> {
 }
 
 impl Store {
-    /// When the database was made, in whole seconds since the epoch by the clock of the machine.
+    /// When the database was made, in whole seconds since the epoch by the clock of this machine, which
+    /// files have their times from.
     pub async fn made_at(&self) -> Result<i64> {
-        scalar(either(
+        let made_at: i64 = scalar(either(
             "SELECT CAST(strftime('%s', MIN(installed_on)) AS INTEGER) FROM _sqlx_migrations",
             "SELECT CAST(FLOOR(EXTRACT(EPOCH FROM MIN(installed_on))) AS BIGINT)
              FROM _sqlx_migrations",
         ))
         .fetch_one(self.readers())
-        .await
+        .await?;
+        let ahead = self.now() - clock::now();
+        Ok(made_at - ahead / 1_000)
     }
 }

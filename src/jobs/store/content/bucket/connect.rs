@@ -2,12 +2,15 @@
 
 use std::env;
 use std::fs;
+use std::sync::Arc;
 use std::time::Duration;
 
 use object_store::aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey, Checksum};
 use object_store::{Certificate, ClientOptions, RetryConfig};
 use tokio_rustls::rustls::crypto::ring;
 
+use super::credentials::Credentials;
+use super::skew::{Corrected, StoreClock};
 use crate::config::ObjectsUrl;
 
 /// Tries of a request after the first one.
@@ -46,11 +49,11 @@ const FROM_FILES: [&str; 3] = [
     "AWS_SESSION_TOKEN",
 ];
 
-/// A client of the store; nothing is sent yet.
+/// A client of the store, and the time there; nothing is sent yet.
 ///
 /// # Errors
 /// What is wrong with the address or the environment, in one sentence.
-pub(super) fn connect(url: &ObjectsUrl) -> Result<AmazonS3, String> {
+pub(super) fn connect(url: &ObjectsUrl) -> Result<(AmazonS3, StoreClock), String> {
     // The client takes the one of the process. It is there already if another bucket was opened.
     drop(ring::default_provider().install_default());
     let mut options = ClientOptions::new()
@@ -96,8 +99,18 @@ pub(super) fn connect(url: &ObjectsUrl) -> Result<AmazonS3, String> {
         }
         builder = builder.with_endpoint(endpoint.as_str().trim_end_matches('/'));
     }
-    let built = builder.with_client_options(options).build();
-    built.map_err(|error| error.to_string())
+    let builder = builder.with_client_options(options);
+    let clock = StoreClock::default();
+    let credentials = Credentials::new(builder.clone(), clock.clone());
+    let credentials = Arc::new(credentials.map_err(|error| error.to_string())?);
+    let corrected = builder
+        .with_credentials(Arc::clone(&credentials) as _)
+        .with_http_connector(Corrected {
+            clock: clock.clone(),
+            credentials,
+        });
+    let built = corrected.build().map_err(|error| error.to_string())?;
+    Ok((built, clock))
 }
 
 /// The builder with what the environment says.

@@ -89,8 +89,8 @@ impl Bucket {
                 self.refused("there is no such bucket; make it first")
             }
             error if error.to_string().contains(SKEWED) => self.refused(&format!(
-                "it refuses requests because the clock of this machine is more than a quarter of \
-                 an hour before or after its own; set the clock: {error}"
+                "it refuses requests for the time that they are signed for, also for the one that its \
+                 answers tell; set the clock of this machine: {error}"
             )),
             StoreError::PermissionDenied { .. } | StoreError::Unauthenticated { .. } => self
                 .refused(&format!(

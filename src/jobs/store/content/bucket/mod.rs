@@ -5,7 +5,10 @@
 //! key is written once, so whatever answer is lost, asking again is right.
 
 mod connect;
+mod credentials;
 mod marker;
+mod signature;
+mod skew;
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -20,14 +23,14 @@ use object_store::{Error as StoreError, MultipartUpload, ObjectStore, ObjectStor
 use tokio::fs::File;
 use tokio::io::AsyncReadExt;
 use tokio::sync::Semaphore;
-use uuid::Uuid;
+use uuid::{Uuid, Version};
 
 use super::objects::Kept;
 use super::shelf::Found;
 use crate::config::ObjectsUrl;
-use crate::jobs::clock;
 use crate::jobs::store::Options;
 use crate::jobs::{Error, Result};
+use skew::StoreClock;
 
 /// Size of the parts in which large objects are written and read.
 const PART_BYTES: usize = 8 << 20;
@@ -47,6 +50,7 @@ const FILES_AT_ONCE: usize = 4;
 /// A place in an object store.
 pub(in crate::jobs::store) struct Bucket {
     store: AmazonS3,
+    clock: StoreClock,
     url: ObjectsUrl,
     prefix: Location,
     garbage_age: Duration,
@@ -60,8 +64,10 @@ impl Bucket {
     /// `ContentRefused` if the address or the environment cannot be used.
     pub(in crate::jobs::store) fn new(url: &ObjectsUrl, options: &Options) -> Result<Self> {
         let refused = |reason| Error::ContentRefused(format!("the object store {url}: {reason}"));
+        let (store, clock) = connect::connect(url).map_err(refused)?;
         Ok(Self {
-            store: connect::connect(url).map_err(refused)?,
+            store,
+            clock,
             url: url.clone(),
             prefix: Location::from(&*url.prefix),
             garbage_age: options.garbage_age,
@@ -191,25 +197,26 @@ impl Bucket {
 
     /// All objects of ours.
     pub(in crate::jobs::store) async fn list(&self) -> Result<HashMap<String, Found>> {
-        let before = clock::now() - self.garbage_age.as_millis() as i64;
+        let age = self.garbage_age.as_millis() as i64;
         let mut objects = HashMap::new();
         let prefix = (!self.prefix.as_ref().is_empty()).then_some(&self.prefix);
         let mut found = self.store.list(prefix);
         while let Some(object) = found.try_next().await.map_err(away)? {
             let name = object.location.filename().unwrap_or_default();
-            let Some(made_at) = made_at(name).filter(|_| object.location == self.location(name))
-            else {
+            if !is_key(name) || object.location != self.location(name) {
                 continue;
-            };
-            let old = made_at <= before && object.last_modified.timestamp_millis() <= before;
+            }
+            // Both by the clock of the store: that in the key is of whoever made it. The answer that
+            // this one is from has told the time.
+            let old = object.last_modified.timestamp_millis() <= self.clock.now() - age;
             let bytes = object.size;
             objects.insert(name.to_owned(), Found { bytes, old });
         }
         Ok(objects)
     }
 
-    /// Keys of objects that were begun long enough ago to be named by now, by their own time and by
-    /// that of the store. What has another name is not ours to judge.
+    /// Keys of objects that were begun long enough ago to be named by now, by the time of the store.
+    /// What has another name is not ours to judge.
     pub(in crate::jobs::store) async fn old_keys(&self) -> Result<Vec<String>> {
         let old = self
             .list()
@@ -279,11 +286,8 @@ async fn send(
     sent.try_buffered(AT_ONCE).try_collect().await
 }
 
-/// When a key was made, in milliseconds since the epoch; none if it is no key.
-fn made_at(name: &str) -> Option<i64> {
-    let id: Uuid = name.parse().ok()?;
-    let (seconds, nanoseconds) = id.get_timestamp()?.to_unix();
-    Some(seconds as i64 * 1_000 + i64::from(nanoseconds) / 1_000_000)
+fn is_key(name: &str) -> bool {
+    Uuid::parse_str(name).is_ok_and(|id| id.get_version() == Some(Version::SortRand))
 }
 
 /// Whether not the object is missing but all of them: nothing is said of the object then.
