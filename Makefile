@@ -21,7 +21,7 @@ help:
 	@echo "make bench-cluster  many processes over one Postgres, and a thousand workers; MINUTES=10"
 	@echo "make bench-blocks  a large cloud on one worker and on several; POINTS=1000000 WORKERS=4 CORE=0.5"
 	@echo "make upgrade OLD=PROGRAM  an upgrade from an earlier program while jobs run"
-	@echo "make bench-many  lists and gets with very many ended jobs; JOBS=10000000 (a gigabyte for each 500,000)"
+	@echo "make bench-many  lists and gets with very many ended jobs; JOBS=10000000 (a gigabyte for each 200,000)"
 	@echo "make storm   nodes, workers, database and object store, killed again and again; KILLS=500"
 	@echo "make soak    jobs under random faults; MINUTES=10"
 	@echo "make soak-audit  the audit trail of a service that is killed again and again; KILLS=500"
