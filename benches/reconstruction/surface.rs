@@ -41,7 +41,7 @@ impl Hand {
         let engine = engine(settings::Engine::Auto, &architecture, &none)
             .expect("there is an engine for the preset");
         let points = cloud.points.iter().map(|&p| made.model.frame.to_unit(p));
-        let bounds = Bounds::of(&points.collect::<Vec<_>>()).expect("there are points");
+        let bounds = Bounds::of(points).expect("there are points");
         Self {
             engine,
             parameters: made.model.parameters.iter().map(|&p| p as f32).collect(),

@@ -196,13 +196,14 @@ fn corners(values: &[[[f64; 3]; 3]; 3], offset: [usize; 3]) -> [f64; 8] {
 /// than a cell bends the field where it is: of points along an axis across it, the one before the first beyond the sheet
 /// is at most half of their second difference away.
 fn bend(values: &[[[f64; 3]; 3]; 3]) -> f32 {
+    let at = |i: usize, j: usize, k: usize| values[k][j][i];
     let mut largest = [0.0_f64; 3];
     for k in 0..3 {
         for j in 0..3 {
             let lines = [
-                [values[k][j][0], values[k][j][1], values[k][j][2]],
-                [values[k][0][j], values[k][1][j], values[k][2][j]],
-                [values[0][k][j], values[1][k][j], values[2][k][j]],
+                [at(0, j, k), at(1, j, k), at(2, j, k)],
+                [at(j, 0, k), at(j, 1, k), at(j, 2, k)],
+                [at(j, k, 0), at(j, k, 1), at(j, k, 2)],
             ];
             for (largest, [a, b, c]) in largest.iter_mut().zip(lines) {
                 *largest = largest.max((a - 2.0 * b + c).abs());
