@@ -12,7 +12,6 @@ use crate::reconstruction::mesh::{self, TriangleMesh};
 use crate::reconstruction::quality::{Judge, MeshReport, compare_meshes, describe};
 use crate::reconstruction::shapes::Shape;
 use crate::reconstruction::surface::{Request, extract};
-use crate::reconstruction::vector::Bounds;
 
 /// Arguments of `meshway evaluate`.
 #[derive(Debug, Args)]
@@ -82,7 +81,7 @@ fn compare(mesh: &TriangleMesh, reference: &str, arguments: &Arguments) -> Resul
         _ => {
             let (cloud, ..) = read_cloud(path, &OnePart::default())?;
             let judge = Judge::new(mesh, &cloud.points, seed).ok_or_else(no_area)?;
-            let comparison = judge.compare(0..cloud.points.len(), Bounds::of(&cloud.points));
+            let comparison = judge.compare(0..cloud.points.len(), cloud.bounds());
             json(&comparison.ok_or_else(no_area)?)
         }
     }

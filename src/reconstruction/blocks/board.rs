@@ -12,11 +12,12 @@ use crate::reconstruction::training::Identity;
 /// is done in seconds has no share to offer.
 const MOST: usize = 256;
 
-/// Fewest blocks of a share, but for the first one.
+/// Fewest blocks of a share, but for the first one: fewer would be fitted in little more time than they are on their way.
 const FEWEST: usize = 64;
 
 /// A share is so small a part of the blocks that come before its end. Others take shares from the end on until they meet
-/// the run, which comes from the beginning: near there, the smaller the shares, the less all wait for the last one.
+/// the run, which comes from the beginning, where as much is left as each of them fits in all: so the last share is at most
+/// this part of that.
 const PART: usize = 16;
 
 /// Blocks and their networks.

@@ -42,10 +42,7 @@ pub(super) fn sample(source: &mut Source<'_>) -> Result<Samples, Error> {
         wanted.clear();
         for block in &blocks {
             let points = block_points(&lattice, block.at, stride);
-            let near = match level {
-                0 => block.near_zeros(&samples, &points),
-                _ => ALL_POINTS,
-            };
+            let near = block.near_zeros(&samples, &points);
             let points = points.into_iter().flatten().flatten().enumerate();
             for (_, at) in points.filter(|(i, _)| near >> i & 1 == 1) {
                 wanted.insert(at);
@@ -68,7 +65,8 @@ pub(super) fn sample(source: &mut Source<'_>) -> Result<Samples, Error> {
 struct Block {
     /// Its number along each axis.
     at: [u16; 3],
-    /// How much the field is seen to bend around it, see [`bend`]; infinite where that does not tell where its zeros are.
+    /// How much the field is seen to bend around it, see [`bend`]; infinite where that does not tell where its zeros are,
+    /// and before the last level, for which all points are asked.
     bend: f32,
 }
 
@@ -158,7 +156,12 @@ fn refine(samples: &Samples, lattice: &Lattice, blocks: &[Block], stride: usize)
             layer.map(|row| row.map(|at| samples.get(at).expect("blocks are sampled whole")))
         });
         let change = change_along_edges(&values);
-        let bend = bend(&values);
+        let next_is_last = stride == 2;
+        let bend = if next_is_last {
+            bend(&values)
+        } else {
+            f32::INFINITY
+        };
         for child in 0..8 {
             let offset: [usize; 3] = std::array::from_fn(|axis| child >> axis & 1);
             let at: [u16; 3] = std::array::from_fn(|a| 2 * block.at[a] + offset[a] as u16);

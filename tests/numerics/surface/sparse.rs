@@ -99,7 +99,7 @@ fn thin_parts_are_found_however_they_lie() {
             let arm: Vec3 = std::array::from_fn(|a| p[a] - centre[a]);
             (dot(arm, direction) / length, norm(arm))
         };
-        // From a third of a cell to two of them.
+        // Between 0.4 and 2.2 cells thick.
         let half = (0.2 + f64::from(round % 7) * 0.15) / 64.0;
         let plate = analytic(move |p: Vec3| {
             let (across, away) = along(p);

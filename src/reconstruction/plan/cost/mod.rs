@@ -65,7 +65,8 @@ const EVALUATIONS_PER_CELL: [f64; 2] = [9.3, 9.8];
 /// Triangles for each such cell.
 const TRIANGLES_PER_CELL: f64 = 3.0;
 
-/// Seconds of such an evaluation besides the network, and what finding the blocks of its place adds to that.
+/// Seconds of such an evaluation besides the network, and what finding the blocks of its place adds to that. These and
+/// [`FIELD_WORK`] were measured for fewer evaluations a cell than there were, and are scaled to these.
 const SECONDS_PER_EVALUATION: f64 = 2.1e-7;
 const SECONDS_PER_LOOKUP: f64 = 4.2e-7;
 
