@@ -4,7 +4,7 @@
 Workers are machines of their own, with THREADS threads each, beside one service. With CORE=0.5 each gets that much of a
 core, one alone as well as each of several (as root, by control groups): so four can be measured on two cores. The cloud
 is a ball with bumps that one network cannot follow, or the file CLOUD. Prints a table of seconds, by stage; the meshes
-must be the same, byte for byte.
+must be the same, byte for byte. With ALONE=no, only the several are measured.
 """
 
 import hashlib
@@ -55,8 +55,27 @@ def confine(process, name, core):
     (group / "cgroup.procs").write_text(str(process.pid))
 
 
+def with_children(process):
+    """A process, and those that it and its children started."""
+    of_tasks = (f"/proc/{process}/task/{task}/children" for task in os.listdir(f"/proc/{process}/task"))
+    children = [int(child) for file in of_tasks for child in Path(file).read_text().split()]
+    return [process, *(pid for child in children for pid in with_children(child))]
+
+
+def peak(process):
+    """The most memory that a process has had, in GB."""
+    status = Path(f"/proc/{process}/status").read_text()
+    return int(status.split("VmHWM:")[1].split()[0]) / 1e6
+
+
+def worked(process):
+    """Seconds that a process has had a core, with its children that have ended."""
+    after_name = Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()
+    return sum(map(int, after_name[11:15])) / os.sysconf("SC_CLK_TCK")
+
+
 def run(folder, data, count, threads):
-    """Seconds by stage with so many workers, shares that were fitted by helpers, and the hash of the mesh."""
+    """Seconds by stage with so many workers; what else is told of them; and the hash of the mesh."""
     objects = os.environ["MESHWAY_TEST_OBJECTS"].replace("s3://tests", f"s3://tests/{count}-workers", 1)
     objects = f"--objects={objects}"
     service = Service(folder / "service", objects, "--workers=0")
@@ -75,11 +94,13 @@ def run(folder, data, count, threads):
         sys.exit(json.dumps(job, indent=1))
     report = json.loads(service.ask("GET", f"{path}/report")[1])
     mesh = hashlib.sha256(service.ask("GET", f"{path}/mesh")[1]).hexdigest()
+    pids = [pid for worker in workers for pid in with_children(worker.process.pid)]
+    memory, work = max(map(peak, pids)), sum(map(worked, pids))
     for process in [*workers, service]:
         process.end()
     helped = sum(worker.log.read_text().count(HELPED) for worker in workers)
     blocks = (report.get("blocks") or {}).get("count", 0)
-    return report["seconds"], blocks, helped, mesh
+    return report["seconds"], [f"{work:.0f}", f"{memory:.2f} GB", blocks, helped], mesh
 
 
 def main():
@@ -88,20 +109,24 @@ def main():
     data = Path(os.environ["CLOUD"]).read_bytes() if "CLOUD" in os.environ else cloud(points)
     of_a_core = f", {os.environ['CORE']} of a core each" if "CORE" in os.environ else ""
     print(f"{os.environ.get('CLOUD', f'{points:,} points')}, {threads} thread(s) a worker{of_a_core}\n")
-    print("| workers | " + " | ".join(STAGES) + " | blocks | shares of helpers |\n" + "|---" * (len(STAGES) + 3) + "|")
+    columns = ["workers", *STAGES, "seconds of cores", "most memory of one", "blocks", "shares of helpers"]
+    print(f"| {' | '.join(columns)} |\n" + "|---" * len(columns) + "|")
     totals, meshes = [], set()
     server = os.environ["MESHWAY_TEST_DATABASE"]
-    for count in (1, many):
+    counts = [many] if os.environ.get("ALONE") == "no" else [1, many]
+    for count in counts:
         # A database each: an object store belongs to one.
         name = f"blocks_{count}"
         os.system(f"psql -q '{server}' -c 'CREATE DATABASE {name}'")
         os.environ["MESHWAY_TEST_DATABASE"] = server.rsplit("/", 1)[0] + f"/{name}"
         with tempfile.TemporaryDirectory() as folder:
-            seconds, blocks, helped, mesh = run(Path(folder), data, count, threads)
-        cells = " | ".join(f"{seconds[stage]:.1f}" for stage in STAGES)
-        print(f"| {count} | {cells} | {blocks} | {helped} |", flush=True)
+            seconds, others, mesh = run(Path(folder), data, count, threads)
+        cells = " | ".join([*(f"{seconds[stage]:.1f}" for stage in STAGES), *map(str, others)])
+        print(f"| {count} | {cells} |", flush=True)
         totals.append(seconds["total"])
         meshes.add(mesh)
+    if len(counts) == 1:
+        return
     print(f"\n{many} workers take {totals[1] / totals[0]:.2f} of the time of one")
     if len(meshes) != 1:
         sys.exit("the meshes are not the same")

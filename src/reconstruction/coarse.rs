@@ -31,7 +31,7 @@ pub(super) fn fit<T: Scalar>(
         let field = MeanField::of(engine, parameters)?;
         // Training takes care of a release after this iteration, without losing it.
         // Its progress is not that of training.
-        match mesher.mesh(&field, &|| mesher.observer.cancelled(), &|_| {}) {
+        match mesher.mesh((&field, None), &|| mesher.observer.cancelled(), &|_| {}) {
             Ok((mesh, surface)) => {
                 mesher.observer.event(Event::Snapshot {
                     evaluation,

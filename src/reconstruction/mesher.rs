@@ -8,7 +8,7 @@ use super::plan::{Extent, Plan};
 use super::report::{SurfaceReport, Verdict, verdict_on};
 use super::sampling::Prepared;
 use super::settings::Components;
-use super::surface::{Field, MAX_TRIANGLES, Request, extract, keep_components};
+use super::surface::{Begun, Field, MAX_TRIANGLES, Request, extract, keep_components};
 use super::vector::{Bounds, Vec3};
 
 /// Turns fields into meshes.
@@ -50,32 +50,43 @@ impl<'a> Mesher<'a> {
         }
     }
 
-    /// The mesh of `field`, in the coordinates of the input.
-    pub(super) fn mesh(
+    /// What is extracted.
+    pub(super) fn request<'r>(
         &self,
-        field: &dyn Field,
-        stopped: &dyn Fn() -> bool,
-        progress: &dyn Fn(f64),
-    ) -> Result<(TriangleMesh, SurfaceReport), Error> {
+        stopped: &'r dyn Fn() -> bool,
+        progress: &'r dyn Fn(f64),
+    ) -> Request<'r> {
         let settings = &self.plan.settings.surface;
         let extent = Extent {
             bounds: self.bounds,
             spacing: self.prepared.spacing,
             area: self.prepared.area,
         };
-        let extraction = extract(
-            field,
-            &Request {
-                bounds: self.bounds,
-                resolution: self.plan.resolution(&extent, self.prepared.blocks > 0),
-                evaluation: settings.evaluation,
-                refined: settings.steps_per_spacing > 0.0,
-                projection_steps: settings.projection_steps,
-                max_triangles: MAX_TRIANGLES,
-                cancelled: stopped,
-                progress,
-            },
-        )?;
+        Request {
+            bounds: self.bounds,
+            resolution: self.plan.resolution(&extent, self.prepared.blocks > 0),
+            evaluation: settings.evaluation,
+            refined: settings.steps_per_spacing > 0.0,
+            projection_steps: settings.projection_steps,
+            max_triangles: MAX_TRIANGLES,
+            cancelled: stopped,
+            progress,
+        }
+    }
+
+    /// The mesh of `field`, in the coordinates of the input, of which an extraction may have `begun`.
+    pub(super) fn mesh(
+        &self,
+        (field, begun): (&dyn Field, Option<Begun>),
+        stopped: &dyn Fn() -> bool,
+        progress: &dyn Fn(f64),
+    ) -> Result<(TriangleMesh, SurfaceReport), Error> {
+        let settings = &self.plan.settings.surface;
+        let request = self.request(stopped, progress);
+        let extraction = match begun {
+            Some(begun) => begun.finish(field, &request)?,
+            None => extract(field, &request)?,
+        };
         let mut report = SurfaceReport::new(&extraction, &self.prepared.frame);
         let reach = SUPPORT_REACH * self.prepared.spacing.max(extraction.grid.spacing);
         let points: Vec<Vec3> = self.prepared.measured(self.cloud).collect();

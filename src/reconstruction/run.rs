@@ -1,6 +1,6 @@
 //! The whole method in one screen: cloud and settings in, mesh and report out.
 
-use super::blocks::{self, Refined, State};
+use super::blocks::{self, Ground, Refined, State};
 use super::cloud::PointCloud;
 use super::coarse;
 use super::error::Error;
@@ -87,16 +87,22 @@ fn run<T: Scalar>(
         (State::start(trained, identity), refines)
     };
     let field = MeanField::of(engine.as_ref(), &state.coarse.parameters)?;
-    let refined = match &scan {
+    let mut refined = match &scan {
         Some(scan) if refines => {
-            let below: (_, &dyn Field) = (&state, &field);
-            blocks::refine(&plan, &mut prepared, scan, below, observer)?
+            let ground = Ground {
+                cloud,
+                plan: &plan,
+                scan,
+                observer,
+            };
+            blocks::refine(&ground, &mut prepared, (&state, &field))?
         }
         _ => None,
     };
     // The surface needs the memory.
     drop(scan);
     let trained = state.coarse;
+    let begun = refined.as_mut().and_then(Refined::begun);
     let field: Box<dyn Field> = match &refined {
         Some(refined) => Box::new(refined.field(Box::new(field))?),
         None => Box::new(field),
@@ -106,7 +112,7 @@ fn run<T: Scalar>(
 
     observer.event(Event::Phase(Phase::Surface));
     let progress = |share| observer.event(Event::Progress(share));
-    let (mesh, surface) = mesher.mesh(field.as_ref(), &stopped, &progress)?;
+    let (mesh, surface) = mesher.mesh((field.as_ref(), begun), &stopped, &progress)?;
     // So does the report.
     drop(mesher);
     for warning in surface.warnings() {

@@ -4,6 +4,7 @@
 use std::collections::VecDeque;
 
 use super::fit::Done;
+use super::input::Fitted;
 use super::share::networks;
 use crate::reconstruction::network::Scalar;
 use crate::reconstruction::training::Identity;
@@ -23,9 +24,13 @@ const PART: usize = 16;
 /// Blocks and their networks.
 pub(super) struct Board<T> {
     pub(super) done: Done<T>,
+    /// How many of them are fitted.
+    pub(super) fitted: usize,
     shares: Vec<Share>,
     /// Blocks of shares that others are to fit, whose places are to be asked about first: share and block.
     asking: VecDeque<(usize, usize)>,
+    /// Whether others have fitted a share.
+    pub(super) is_helped: bool,
 }
 
 /// A run of blocks.
@@ -90,16 +95,31 @@ impl<T: Scalar> Board<T> {
         }
         shares.reverse();
         Self {
+            fitted: done.iter().flatten().count(),
             done,
             shares,
             asking: VecDeque::new(),
+            is_helped: false,
         }
+    }
+
+    /// Takes the network of a block; the first one counts, and another would be the same.
+    pub(super) fn put(&mut self, block: usize, fitted: Fitted<T>) {
+        if self.done[block].is_none() {
+            self.done[block] = Some(fitted);
+            self.fitted += 1;
+        }
+    }
+
+    /// A share that others wait for, and a block of it whose places are to be asked about.
+    pub(super) fn next_places(&mut self) -> Option<(usize, usize)> {
+        self.asking.pop_front()
     }
 
     /// What is next: places of shares that others wait for, and blocks. Once there are none but those of others, the run
     /// begins with these, too: the last offer first, with which nobody may have begun.
     pub(super) fn next(&mut self) -> Option<Next> {
-        if let Some((share, block)) = self.asking.pop_front() {
+        if let Some((share, block)) = self.next_places() {
             return Some(Next::Places { share, block });
         }
         let has_open = |share: &Share| !share.open.is_empty();
@@ -169,19 +189,19 @@ impl<T: Scalar> Board<T> {
 
     /// Takes the networks of a share. What cannot be used is fitted by the run.
     pub(super) fn take(&mut self, share: usize, bytes: &[u8]) {
-        let Some(share) = self.shares.get_mut(share) else {
-            return;
-        };
-        let Some(offer) = &mut share.offer else {
+        let offer = self.shares.get_mut(share);
+        let Some(offer) = offer.and_then(|share| share.offer.as_mut()) else {
             return;
         };
         let fitted = offer.input.map(|input| networks::<T>(bytes, &input));
         match fitted {
             Some(Ok(fitted)) if fitted.len() == offer.blocks.len() => {
-                for (&k, fitted) in offer.blocks.iter().zip(fitted) {
-                    self.done[k].get_or_insert(fitted);
+                let blocks = offer.blocks.clone();
+                self.shares[share].open.clear();
+                for (block, fitted) in blocks.into_iter().zip(fitted) {
+                    self.put(block, fitted);
                 }
-                share.open.clear();
+                self.is_helped = true;
             }
             _ => offer.is_withdrawn = true,
         }

@@ -28,6 +28,14 @@ pub(super) struct Coarse<'a> {
 }
 
 impl Coarse<'_> {
+    /// The same field, lent.
+    pub(super) fn borrowed(&self) -> Coarse<'_> {
+        Coarse {
+            field: Box::new(self.field.as_ref()),
+            ..*self
+        }
+    }
+
     /// How much of it is in what each block says.
     fn in_blocks(&self) -> f64 {
         match self.input {

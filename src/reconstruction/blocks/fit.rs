@@ -1,8 +1,9 @@
 //! Fitting the networks of all blocks, several at a time.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
+use super::ahead::Ahead;
 use super::block::Block;
 use super::board::{Board, Next};
 use super::input::{BlockInput, Fitted};
@@ -80,7 +81,7 @@ impl Task<'_> {
     /// Who may fit blocks of this run: the bits of the other engines depend on more than [`processor`] tells.
     ///
     /// [`processor`]: super::share::processor
-    fn helpers<'o>(&self, observer: &'o dyn Observer) -> Option<&'o dyn Helpers> {
+    pub(super) fn helpers<'o>(&self, observer: &'o dyn Observer) -> Option<&'o dyn Helpers> {
         observer.helpers().filter(|_| self.is_fused)
     }
 
@@ -106,31 +107,49 @@ impl Task<'_> {
 /// Networks of blocks, where they are fitted.
 pub(super) type Done<T> = Vec<Option<Fitted<T>>>;
 
-/// Fits the blocks that are not `done`, on all threads of the pool and with the helpers of the observer; after each that
-/// the calling thread has fitted, `told` hears of what is done so far, and at the end of whether it was stopped. A block
-/// is the same whatever else is fitted beside it, and whoever fits it.
+/// What the calling thread does between two blocks.
+pub(super) struct Between<'a, 'b, T> {
+    /// Hears of what is done so far, and at the end of whether the run was stopped.
+    pub(super) told: &'a mut dyn FnMut(&Board<T>, bool),
+    /// The surface, which goes on while others fit blocks.
+    pub(super) ahead: Option<&'a mut Ahead<'b, T>>,
+}
+
+/// Fits the blocks that are not `done`, on all threads of the pool and with the helpers of the observer. A block is the
+/// same whatever else is done beside it, and whoever fits it.
 ///
 /// # Errors
-/// [`Error::Cancelled`] where the observer stops the run; what an engine reports.
+/// [`Error::Cancelled`] where the observer stops the run; what an engine reports; as for
+/// [`extract`](crate::reconstruction::surface::extract).
 pub(super) fn fit<T: Scalar>(
     task: &Task<'_>,
     done: Done<T>,
     observer: &dyn Observer,
-    told: &mut dyn FnMut(&Done<T>, bool),
+    Between { told, mut ahead }: Between<'_, '_, T>,
 ) -> Result<Done<T>, Error> {
     let helpers = task.helpers(observer);
     let stop = AtomicBool::new(false);
     let board = Mutex::new(Board::new(done));
     let failure = Mutex::new(None);
+    let goes_on = |done: Result<(), Error>| {
+        if let Err(error) = done {
+            stop.store(true, Ordering::Relaxed);
+            lock(&failure).get_or_insert(error);
+        }
+        !stop.load(Ordering::Relaxed)
+    };
+    let ask = |(share, block)| {
+        task.places.ask(block);
+        lock(&board).asked(share);
+    };
     let work = |watch: &dyn Observer| -> bool {
         let Some(next) = lock(&board).next() else {
             return false;
         };
-        let done = match next {
+        goes_on(match next {
             Next::Places { .. } if watch.cancelled() => Err(Error::Cancelled),
             Next::Places { share, block } => {
-                task.places.ask(block);
-                lock(&board).asked(share);
+                ask((share, block));
                 Ok(())
             }
             Next::Fit { block, withdrawn } => {
@@ -138,46 +157,63 @@ pub(super) fn fit<T: Scalar>(
                     helpers.withdraw(share);
                 }
                 let fitted = task.input(block).fit(watch);
-                fitted.map(|fitted| lock(&board).done[block] = Some(fitted))
+                fitted.map(|fitted| lock(&board).put(block, fitted))
             }
-        };
-        if let Err(error) = done {
-            stop.store(true, Ordering::Relaxed);
-            lock(&failure).get_or_insert(error);
-        }
-        !stop.load(Ordering::Relaxed)
+        })
     };
-    rayon::in_place_scope(|scope| {
-        for _ in 1..rayon::current_num_threads() {
-            scope.spawn(|_| while work(&Flag(&stop)) {});
+    let exchange = || {
+        if let Some(helpers) = helpers {
+            task.exchange(&board, helpers);
         }
-        let watch = Watch {
-            observer,
-            stop: &stop,
-        };
-        let exchange = || {
-            if let Some(helpers) = helpers {
-                task.exchange(&board, helpers);
-            }
-        };
+    };
+    let watch = Watch {
+        observer,
+        stop: &stop,
+    };
+    // What others wait for comes first.
+    let attend = || {
+        exchange();
+        let next = || lock(&board).next_places();
+        while !watch.cancelled()
+            && let Some(places) = next()
+        {
+            ask(places);
+            exchange();
+        }
+    };
+    let others = rayon::current_num_threads() - 1;
+    let at_work = AtomicUsize::new(0);
+    rayon::in_place_scope(|scope| {
+        for _ in 0..others {
+            scope.spawn(|_| {
+                at_work.fetch_add(1, Ordering::Relaxed);
+                while work(&Flag(&stop)) {}
+            });
+        }
         exchange();
         while work(&watch) {
             exchange();
-            told(&lock(&board).done, false);
+            told(&lock(&board), false);
+            // The surface is made in parallel: a thread that waits for others there may begin one of the loops above, and not
+            // come back.
+            let may_wait = at_work.load(Ordering::Relaxed) == others;
+            if let Some(ahead) = ahead.as_mut().filter(|_| may_wait)
+                && let Some(ready) = ahead.ready(&board)
+                && !goes_on(ahead.go_on(&ready, &|| watch.cancelled(), &attend))
+            {
+                break;
+            }
         }
     });
-    let done = board
-        .into_inner()
-        .unwrap_or_else(PoisonError::into_inner)
-        .done;
-    told(&done, stop.load(Ordering::Relaxed));
+    let board = board.into_inner().unwrap_or_else(PoisonError::into_inner);
+    told(&board, stop.load(Ordering::Relaxed));
     match failure.into_inner().unwrap_or_default() {
         Some(error) => Err(error),
-        None => Ok(done),
+        None => Ok(board.done),
     }
 }
 
-fn lock<V>(mutex: &Mutex<V>) -> std::sync::MutexGuard<'_, V> {
+pub(super) fn lock<V>(mutex: &Mutex<V>) -> std::sync::MutexGuard<'_, V> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

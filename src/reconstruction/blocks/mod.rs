@@ -3,6 +3,7 @@
 //!
 //! The one network, fitted to an even subset as far as it came, is the coarse field. It rules where no block does.
 
+mod ahead;
 mod block;
 mod board;
 mod checkpoint;
@@ -17,7 +18,9 @@ mod samples;
 mod series;
 mod share;
 
+use super::cloud::PointCloud;
 use super::error::Error;
+use super::mesher::Mesher;
 use super::network::{Engine, Fused, Scalar, sequential_engine};
 use super::observer::{Event, Observer};
 use super::plan::{BlockPlan, Plan};
@@ -27,9 +30,11 @@ use super::sampling::neighbours::median;
 use super::sampling::selection::{Split, pick};
 use super::sampling::{Frame, Prepared, Samples, Scan};
 use super::settings::CoarseInput;
-use super::surface::Field;
+use super::surface::{Begun, Field};
 use super::vector::Vec3;
-use fit::{Done, Task};
+use ahead::Ahead;
+use board::Board;
+use fit::{Between, Task};
 use input::Fitted;
 use lookup::Lookup;
 use misfit::misfit;
@@ -77,20 +82,35 @@ pub(super) struct Refined<T> {
     engine: Box<dyn Engine<T>>,
     coarse_band: f64,
     coarse_input: CoarseInput,
+    /// Their surface, if it was begun.
+    begun: Option<Begun>,
 }
 
-/// Cuts the cloud into blocks and fits them over the `coarse` field of the state; `prepared` tells of all the points from then on. None where the plan has
-/// no blocks.
+/// What is cut into blocks, and for what.
+pub(super) struct Ground<'a> {
+    pub(super) cloud: &'a PointCloud,
+    pub(super) plan: &'a Plan<'a>,
+    pub(super) scan: &'a Scan,
+    pub(super) observer: &'a dyn Observer,
+}
+
+/// Cuts the cloud into blocks and fits them over the `coarse` field of the state; `prepared` tells of all the points from
+/// then on. None where the plan has no blocks.
 ///
 /// # Errors
-/// [`Error::Cancelled`] where the observer stops the run; what an engine reports.
+/// [`Error::Cancelled`] where the observer stops the run; what an engine reports; where others help, as for
+/// [`extract`](super::surface::extract).
 pub(super) fn refine<T: Scalar>(
-    plan: &Plan<'_>,
+    ground: &Ground<'_>,
     prepared: &mut Prepared,
-    scan: &Scan,
     (state, coarse): (&State<T>, &dyn Field),
-    observer: &dyn Observer,
 ) -> Result<Option<Refined<T>>, Error> {
+    let &Ground {
+        cloud,
+        plan,
+        scan,
+        observer,
+    } = ground;
     let Some(planned) = &plan.blocks else {
         return Ok(None);
     };
@@ -99,7 +119,7 @@ pub(super) fn refine<T: Scalar>(
     let split = Split::holding_out(&surface.points, planned.held_out, &mut choice);
     let fitted = &split.trained;
     let points = pick(&surface.points, fitted);
-    let mut spacings = pick(&surface.spacings, fitted);
+    let spacings = pick(&surface.spacings, fitted);
     let blocks = partition::partition(&points, &spacings, planned.count);
     let given = labelled(prepared, scan);
     let mut random = stream(settings.training.seed, Purpose::Blocks);
@@ -135,33 +155,54 @@ pub(super) fn refine<T: Scalar>(
         vec![None; blocks.len()]
     };
     let mut series = Series::new(&state.coarse, &done);
-    let mut told = |done: &Done<T>, stopped: bool| {
+    let mut told = |board: &Board<T>, stopped: bool| {
         // Before the checkpoint, which says that they were told.
-        series.tell(done, observer);
-        let share = done.iter().flatten().count() as f64 / done.len() as f64;
+        series.tell(&board.done, observer);
+        let share = board.fitted as f64 / board.done.len() as f64;
         observer.event(Event::Progress(start + (1.0 - start) * share));
         if observer.checkpoint_due() || stopped && observer.released() {
             observer.event(Event::Checkpoint {
                 evaluation: state.coarse.evaluations,
-                data: &state.encode(done),
+                data: &state.encode(&board.done),
             });
         }
     };
-    let done = fit::fit(&task, done, observer, &mut told)?;
-    prepared.spacing = median(&mut spacings);
-    prepared.counts.surface = fitted.len();
+    tell_of_all(prepared, scan, (&split, blocks.len()));
+    let below = Coarse {
+        field: Box::new(coarse),
+        band: scan.band,
+        input: settings.network.coarse_input,
+    };
+    let outline = Mesher::new(cloud, plan, prepared, observer).request(&|| false, &|_| ());
+    let ahead = task.helpers(observer).is_some();
+    let mut ahead = ahead
+        .then(|| Ahead::new(outline, (&blocks, &lookup), engine.as_ref(), below))
+        .transpose()?;
+    let between = Between {
+        told: &mut told,
+        ahead: ahead.as_mut(),
+    };
+    let done = fit::fit(&task, done, observer, between)?;
     prepared.counts.near = places.generated();
-    prepared.counts.held_out = split.held_out.len();
-    prepared.surface = pick(&scan.indices, fitted);
-    prepared.held_out = pick(&scan.indices, &split.held_out);
-    prepared.blocks = blocks.len();
+    let begun = ahead.map(Ahead::begun);
     Ok(Some(Refined {
         blocks,
         fitted: done.into_iter().flatten().collect(),
         engine,
         coarse_band: scan.band,
         coarse_input: settings.network.coarse_input,
+        begun,
     }))
+}
+
+/// Has `prepared` tell of all points, as they were split for so many blocks.
+fn tell_of_all(prepared: &mut Prepared, scan: &Scan, (split, blocks): (&Split, usize)) {
+    prepared.spacing = median(&mut pick(&scan.surface.spacings, &split.trained));
+    prepared.counts.surface = split.trained.len();
+    prepared.counts.held_out = split.held_out.len();
+    prepared.surface = pick(&scan.indices, &split.trained);
+    prepared.held_out = pick(&scan.indices, &split.held_out);
+    prepared.blocks = blocks;
 }
 
 /// The places that the user labelled, with their signed distances.
@@ -199,6 +240,11 @@ impl<T: Scalar> Refined<T> {
             },
             parts,
         ))
+    }
+
+    /// Their surface, if it was begun; once.
+    pub(super) fn begun(&mut self) -> Option<Begun> {
+        self.begun.take()
     }
 
     /// What the report says of them.

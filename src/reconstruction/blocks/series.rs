@@ -14,6 +14,8 @@ pub(super) struct Series {
     iterations: u64,
     evaluations: u64,
     blocks: usize,
+    /// So many blocks, the first ones, are known to be fitted.
+    first: usize,
     /// Rows that were told.
     told: usize,
 }
@@ -25,6 +27,7 @@ impl Series {
             iterations: coarse.iterations,
             evaluations: coarse.evaluations,
             blocks: done.len(),
+            first: 0,
             told: 0,
         };
         series.told = series.due(done);
@@ -49,11 +52,12 @@ impl Series {
     }
 
     /// Rows whose blocks are all fitted.
-    fn due<T>(&self, done: &Done<T>) -> usize {
-        let first = done.iter().take_while(|fitted| fitted.is_some()).count();
+    fn due<T>(&mut self, done: &Done<T>) -> usize {
+        let more = done[self.first..].iter();
+        self.first += more.take_while(|fitted| fitted.is_some()).count();
         (0..=self.rows())
             .rev()
-            .find(|&rows| self.blocks_of(rows) <= first)
+            .find(|&rows| self.blocks_of(rows) <= self.first)
             .unwrap_or_default()
     }
 

@@ -60,6 +60,17 @@ impl Bits {
         }
     }
 
+    /// Adds all members of a set of the same length.
+    pub(super) fn insert_all(&mut self, others: &Self) {
+        for number in 0..others.page_count() {
+            if let Some(other) = others.page(number) {
+                for (word, other) in self.page_mut(number).iter_mut().zip(other) {
+                    *word |= other;
+                }
+            }
+        }
+    }
+
     pub(super) fn count(&self) -> usize {
         self.pages.iter().map(members_in).sum()
     }
@@ -174,6 +185,8 @@ mod tests {
         bits.remove_all(&others);
         assert_eq!(bits.count(), 6);
         assert!(!bits.contains(63) && bits.contains(256));
+        bits.insert_all(&others);
+        assert!(bits.contains(63) && bits.contains(700) && bits.contains(256));
         bits.clear();
         assert_eq!((bits.count(), bits.members().next()), (0, None));
     }

@@ -34,7 +34,7 @@ struct Crossings {
     caps: Vec<u32>,
 }
 
-/// Triangulates the zero set of the samples.
+/// Triangulates the zero set of the samples, and tells which vertex is on which edge.
 ///
 /// Vertices are in the order of their edges (lower point, then axis), triangles in that of their
 /// cells, whatever else is known of the field.
@@ -42,7 +42,7 @@ pub(super) fn contour(
     samples: &Samples,
     lattice: &Lattice,
     max_triangles: usize,
-) -> Result<Contour, Error> {
+) -> Result<(Contour, Numbering), Error> {
     let parts = samples.known().parts();
     let crossings: Vec<Crossings> = parts
         .par_iter()
@@ -90,11 +90,12 @@ pub(super) fn contour(
     for part in triangles {
         all.extend(part);
     }
-    Ok(Contour {
+    let contour = Contour {
         vertices,
         triangles: all,
         caps,
-    })
+    };
+    Ok((contour, numbering))
 }
 
 impl Crossings {
@@ -112,17 +113,27 @@ impl Crossings {
             if lattice.is_frame(axis, at[axis]) || lattice.is_frame(axis, at[axis] + 1) {
                 self.caps.push(self.vertices.len() as u32);
             }
-            let share = (value / (value - other)).clamp(MARGIN, 1.0 - MARGIN);
-            let mut vertex = lattice.position(at);
-            vertex[axis] += share * lattice.grid.spacing;
+            let vertex = vertex_at(lattice, (index, axis), [value, other]);
             self.vertices.push(vertex);
         }
         self.axes.push(axes);
     }
 }
 
+/// The vertex on the edge from a point upwards along an axis, given the field at its ends.
+pub(super) fn vertex_at(
+    lattice: &Lattice,
+    (index, axis): (usize, usize),
+    [value, other]: [f64; 2],
+) -> Vec3 {
+    let share = (value / (value - other)).clamp(MARGIN, 1.0 - MARGIN);
+    let mut vertex = lattice.position(lattice.coordinates(index));
+    vertex[axis] += share * lattice.grid.spacing;
+    vertex
+}
+
 /// From an edge to its vertex.
-struct Numbering {
+pub(super) struct Numbering {
     axes: Vec<u8>,
     /// First vertex of each known point.
     first: Vec<u32>,
@@ -147,7 +158,8 @@ impl Numbering {
         self.axes.extend(axes);
     }
 
-    fn vertex(&self, rank: usize, axis: usize) -> u32 {
+    /// Number of the vertex on the edge from the known point of this rank upwards along `axis`, which the surface crosses.
+    pub(super) fn vertex(&self, rank: usize, axis: usize) -> u32 {
         self.first[rank] + (self.axes[rank] & ((1 << axis) - 1)).count_ones()
     }
 }

@@ -4,6 +4,7 @@
 //! with marching cubes, split the triangles where there is more detail, move the vertices onto the zero set, and drop the components that no input
 //! point supports. The field counts as outside beyond the grid, so that the mesh is always closed.
 
+mod begun;
 mod bits;
 mod components;
 mod dense;
@@ -19,9 +20,7 @@ use super::error::Error;
 use super::mesh::TriangleMesh;
 use super::settings::Evaluation;
 use super::vector::{Bounds, Vec3};
-use grid::Lattice;
-use samples::{Samples, Source};
-
+pub use begun::Begun;
 pub use components::{Dropped, keep_components};
 pub use grid::Grid;
 
@@ -51,6 +50,29 @@ pub trait Field: Sync {
     /// The least of them anywhere; none where nothing is known.
     fn finest_detail(&self) -> Option<f64> {
         None
+    }
+}
+
+impl<F: Field + ?Sized> Field for &F {
+    fn values(&self, points: &[Vec3], values: &mut [f64]) -> Result<(), Error> {
+        (**self).values(points, values)
+    }
+
+    fn values_and_gradients(
+        &self,
+        points: &[Vec3],
+        values: &mut [f64],
+        gradients: &mut [Vec3],
+    ) -> Result<(), Error> {
+        (**self).values_and_gradients(points, values, gradients)
+    }
+
+    fn detail(&self, points: &[Vec3], lengths: &mut [f64]) {
+        (**self).detail(points, lengths);
+    }
+
+    fn finest_detail(&self) -> Option<f64> {
+        (**self).finest_detail()
     }
 }
 
@@ -122,57 +144,5 @@ pub struct Extraction {
 /// projection, sparse and dense evaluation give the same mesh too, but for components that are
 /// smaller than a coarse cell and away from any that is seen.
 pub fn extract(field: &dyn Field, request: &Request<'_>) -> Result<Extraction, Error> {
-    let lattice = Lattice::new(Grid::new(&request.bounds, request.resolution)?);
-    let mut source = Source::new(field, request, lattice);
-    let samples = match request.evaluation {
-        Evaluation::Sparse => sparse::sample(&mut source)?,
-        Evaluation::Dense => dense::sample(&mut source)?,
-    };
-    check_signs(&source)?;
-    let mut contour = contour(samples, request, &lattice)?;
-    if request.refined {
-        refinement::refine(field, request, &mut contour)?;
-    }
-    let projected = projection::project(field, request, lattice.grid.spacing, &contour)?;
-    Ok(Extraction {
-        mesh: TriangleMesh {
-            vertices: projected.vertices,
-            normals: projected.normals,
-            triangles: contour.triangles,
-            ..TriangleMesh::default()
-        },
-        grid: lattice.grid,
-        evaluations: source.evaluations,
-        gradient_evaluations: projected.evaluations,
-        closing_vertices: contour.caps.len(),
-        unprojected_vertices: projected.undone,
-    })
-}
-
-/// Takes the samples, so that their memory is free again when the vertices are moved.
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "ends the life of the samples"
-)]
-fn contour(
-    samples: Samples,
-    request: &Request<'_>,
-    lattice: &Lattice,
-) -> Result<marching_cubes::Contour, Error> {
-    marching_cubes::contour(&samples, lattice, request.max_triangles)
-}
-
-fn check_signs(source: &Source<'_>) -> Result<(), Error> {
-    let sign = if source.positive == 0 {
-        "nowhere positive (inside)"
-    } else if source.positive == source.evaluations {
-        "everywhere positive (inside)"
-    } else {
-        return Ok(());
-    };
-    Err(Error::NoSurface(format!(
-        "it is {sign} on the grid, at {} points; see that normals point outwards, or try more \
-         training.max_evaluations or another training.seed",
-        source.evaluations
-    )))
+    Begun::new(request)?.finish(field, request)
 }

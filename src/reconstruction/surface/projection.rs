@@ -4,7 +4,6 @@
 //! |f| did not shrink, and undone around triangles that it turned over.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -17,7 +16,7 @@ use crate::reconstruction::vector::{Vec3, add, along, cross, dot, normalized, sc
 
 /// Longest step, in cells: a vertex is within one cell of the surface, and half of it keeps it from
 /// jumping to another sheet.
-const LONGEST_STEP: f64 = 0.5;
+pub(super) const LONGEST_STEP: f64 = 0.5;
 
 /// Steps shorter than this share of a cell are taken without asking the field again: what they leave is about their
 /// square, and the normal turns by no more than their length over the radius of the surface.
@@ -41,38 +40,61 @@ struct Vertices {
     gradients: Vec<Vec3>,
 }
 
-/// Moves the vertices of `contour` in `request.projection_steps` steps; those of caps stay.
-///
-/// Vertices are moved some at a time, so that the memory beside theirs is bounded.
-pub(super) fn project(
-    field: &dyn Field,
-    request: &Request<'_>,
-    spacing: f64,
-    contour: &Contour,
-) -> Result<Projected, Error> {
-    let count = contour.vertices.len();
-    let mut positions = Vec::with_capacity(count);
-    let mut gradients = Vec::with_capacity(count);
-    let mut evaluations = 0;
-    for batch in contour.vertices.chunks(BATCH) {
-        let mut longest = vec![LONGEST_STEP * spacing; batch.len()];
-        let these = positions.len()..positions.len() + batch.len();
-        for cap in caps_of(contour, these) {
-            longest[cap - positions.len()] = 0.0;
+/// Moves vertices in the steps of a request, all at once: those of a contour are moved some at a time, so that the memory
+/// beside theirs is bounded.
+pub(super) struct Mover<'a> {
+    pub(super) field: &'a dyn Field,
+    pub(super) request: &'a Request<'a>,
+    /// Edge length of a cell.
+    pub(super) spacing: f64,
+}
+
+/// Vertices that were moved.
+pub(super) struct Moved<Name> {
+    pub(super) names: Vec<Name>,
+    positions: Vec<Vec3>,
+    gradients: Vec<Vec3>,
+    /// Evaluations of the field with its gradient.
+    evaluations: usize,
+}
+
+impl<Name> Moved<Name> {
+    /// The same vertices under other names.
+    pub(super) fn named<Other>(self, names: Vec<Other>) -> Moved<Other> {
+        Moved {
+            names,
+            positions: self.positions,
+            gradients: self.gradients,
+            evaluations: self.evaluations,
         }
-        let mut vertices = evaluate(field, request, batch.to_vec())?;
-        evaluations += batch.len();
-        let mut moving: Vec<usize> = (0..batch.len()).collect();
-        for _ in 0..request.projection_steps {
+    }
+}
+
+impl Mover<'_> {
+    /// Moves these vertices, which are at `from`, but for those whose places in it are given: these stay.
+    pub(super) fn moved<Name>(
+        &self,
+        names: Vec<Name>,
+        from: Vec<Vec3>,
+        staying: impl Iterator<Item = usize>,
+    ) -> Result<Moved<Name>, Error> {
+        let mut longest = vec![LONGEST_STEP * self.spacing; from.len()];
+        for v in staying {
+            longest[v] = 0.0;
+        }
+        let mut evaluations = from.len();
+        let mut moving: Vec<usize> = (0..from.len()).collect();
+        let mut vertices = evaluate(self.field, self.request, from)?;
+        for _ in 0..self.request.projection_steps {
             moving.retain(|&v| {
-                let is_short = vertices.to_zero(v).abs() < SHORT_STEP * spacing;
+                let is_short = vertices.to_zero(v).abs() < SHORT_STEP * self.spacing;
                 if is_short {
                     vertices.positions[v] = vertices.step(v, longest[v]);
                 }
                 !is_short
             });
             let trial = moving.iter().map(|&v| vertices.step(v, longest[v]));
-            let trial = evaluate(field, request, trial.collect())?;
+            let trial = evaluate(self.field, self.request, trial.collect())?;
             evaluations += moving.len();
             for (k, &v) in moving.iter().enumerate() {
                 if trial.values[k].abs() < vertices.values[v].abs() {
@@ -82,34 +104,93 @@ pub(super) fn project(
                 }
             }
         }
-        positions.extend(vertices.positions);
-        gradients.extend(vertices.gradients);
-        let done = positions.len() as f64 / count as f64;
-        (request.progress)(PROGRESS + (1.0 - PROGRESS) * done);
+        Ok(Moved {
+            names,
+            positions: vertices.positions,
+            gradients: vertices.gradients,
+            evaluations,
+        })
     }
-    let undone = undo_reversals(&mut positions, contour);
-    for batch in undone.chunks(BATCH) {
-        let start = batch.iter().map(|&v| contour.vertices[v]).collect();
-        let start = evaluate(field, request, start)?;
-        for (&v, gradient) in batch.iter().zip(start.gradients) {
-            gradients[v] = gradient;
+
+    /// Moves the vertices of `contour` but for those of caps, which stay, and those that were `moved` before.
+    pub(super) fn project(
+        &self,
+        contour: &Contour,
+        moved: Vec<Moved<u32>>,
+    ) -> Result<Projected, Error> {
+        let count = contour.vertices.len();
+        let mut all = All::new(count);
+        for moved in moved {
+            all.take(moved);
         }
+        let mut next = 0;
+        while next < count {
+            let batch = all.left_from(next).take(BATCH);
+            let batch: Vec<u32> = batch.map(|v| v as u32).collect();
+            next = batch.last().map_or(count, |last| *last as usize + 1);
+            let from = batch.iter().map(|&v| contour.vertices[v as usize]);
+            let from = from.collect();
+            let caps = (0..).zip(&batch);
+            let caps = caps.filter(|(_, v)| contour.caps.binary_search(v).is_ok());
+            let staying: Vec<usize> = caps.map(|(place, _)| place).collect();
+            all.take(self.moved(batch, from, staying.into_iter())?);
+            let done = next as f64 / count as f64;
+            (self.request.progress)(PROGRESS + (1.0 - PROGRESS) * done);
+        }
+        self.projected(contour, all)
     }
-    Ok(Projected {
-        normals: normals(gradients, &positions, contour),
-        evaluations: (evaluations + undone.len()) as u64,
-        undone: undone.len(),
-        vertices: positions,
-    })
+
+    /// All vertices, with those put back that turned a triangle over.
+    fn projected(&self, contour: &Contour, mut all: All) -> Result<Projected, Error> {
+        let undone = undo_reversals(&mut all.positions, contour);
+        for batch in undone.chunks(BATCH) {
+            let start = batch.iter().map(|&v| contour.vertices[v]).collect();
+            let start = evaluate(self.field, self.request, start)?;
+            for (&v, gradient) in batch.iter().zip(start.gradients) {
+                all.gradients[v] = gradient;
+            }
+        }
+        Ok(Projected {
+            normals: normals(all.gradients, &all.positions, contour),
+            evaluations: (all.evaluations + undone.len()) as u64,
+            undone: undone.len(),
+            vertices: all.positions,
+        })
+    }
 }
 
-/// The vertices among `these` that are those of caps.
-fn caps_of(contour: &Contour, these: Range<usize>) -> impl Iterator<Item = usize> {
-    let first = contour
-        .caps
-        .partition_point(|&v| (v as usize) < these.start);
-    let caps = contour.caps[first..].iter().map(|&v| v as usize);
-    caps.take_while(move |v| *v < these.end)
+/// All vertices of a contour, as far as they were moved.
+struct All {
+    positions: Vec<Vec3>,
+    gradients: Vec<Vec3>,
+    is_moved: Vec<bool>,
+    evaluations: usize,
+}
+
+impl All {
+    fn new(count: usize) -> Self {
+        Self {
+            positions: vec![[0.0; 3]; count],
+            gradients: vec![[0.0; 3]; count],
+            is_moved: vec![false; count],
+            evaluations: 0,
+        }
+    }
+
+    fn take(&mut self, moved: Moved<u32>) {
+        let places = moved.positions.into_iter().zip(moved.gradients);
+        for (v, (position, gradient)) in moved.names.into_iter().zip(places) {
+            self.positions[v as usize] = position;
+            self.gradients[v as usize] = gradient;
+            self.is_moved[v as usize] = true;
+        }
+        self.evaluations += moved.evaluations;
+    }
+
+    /// Those from the given one on that were not moved, increasing.
+    fn left_from(&self, first: usize) -> impl Iterator<Item = usize> {
+        (first..self.is_moved.len()).filter(|&v| !self.is_moved[v])
+    }
 }
 
 fn evaluate(

@@ -31,28 +31,24 @@ const FREE_POINTS: usize = 1 << 21;
 /// Value that the field takes on the frame.
 pub(super) const OUTSIDE: f64 = -1.0;
 
-/// Where values come from, and what was seen of them.
-pub(super) struct Source<'a> {
-    pub(super) field: &'a dyn Field,
-    pub(super) request: &'a Request<'a>,
-    pub(super) lattice: Lattice,
-    /// Points at which the field was evaluated.
+/// What was seen of a field.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Seen {
+    /// Points at which it was evaluated.
     pub(super) evaluations: u64,
     /// Points of these at which it was positive.
     pub(super) positive: u64,
 }
 
-impl<'a> Source<'a> {
-    pub(super) fn new(field: &'a dyn Field, request: &'a Request<'a>, lattice: Lattice) -> Self {
-        Self {
-            field,
-            request,
-            lattice,
-            evaluations: 0,
-            positive: 0,
-        }
-    }
+/// Where values come from, and what was seen of them.
+pub(super) struct Source<'a> {
+    pub(super) field: &'a dyn Field,
+    pub(super) request: &'a Request<'a>,
+    pub(super) lattice: Lattice,
+    pub(super) seen: Seen,
+}
 
+impl Source<'_> {
     /// Appends the values at the lattice points `indices`; those of the frame cost nothing.
     pub(super) fn append(&mut self, indices: &[usize], values: &mut Vec<f64>) -> Result<(), Error> {
         if (self.request.cancelled)() {
@@ -69,7 +65,7 @@ impl<'a> Source<'a> {
         let points: Vec<Vec3> = placed.iter().copied().flatten().collect();
         let mut found = vec![0.0; points.len()];
         self.field.values(&points, &mut found)?;
-        self.evaluations += points.len() as u64;
+        self.seen.evaluations += points.len() as u64;
         let mut found = found.into_iter();
         for point in placed {
             let known = point.and_then(|point| Some((point, found.next()?)));
@@ -78,7 +74,7 @@ impl<'a> Source<'a> {
                 continue;
             };
             check_finite(value, point)?;
-            self.positive += u64::from(value > 0.0);
+            self.seen.positive += u64::from(value > 0.0);
             values.push(value);
         }
         Ok(())
@@ -96,6 +92,7 @@ fn check_finite(value: f64, point: Vec3) -> Result<(), Error> {
 }
 
 /// Values of the field at the known points of a lattice.
+#[derive(Debug)]
 pub(super) struct Samples {
     known: Bits,
     /// Known points before each page of `known` that has bits, by its place.

@@ -14,6 +14,7 @@ use super::bits::Bits;
 use super::grid::Lattice;
 use super::samples::{Samples, Source};
 use crate::reconstruction::error::Error;
+use crate::reconstruction::vector::Vec3;
 
 /// Least number of coarse cells along the longest edge. The stride is a power of two, so there are
 /// up to twice as many; at this number the coarse grid costs less than a surface at 256³.
@@ -29,20 +30,45 @@ const REACH: f64 = 1.2;
 /// Share of the whole progress that sampling takes.
 pub(super) const PROGRESS: f64 = 0.7;
 
-/// Samples all points around the surface that the levels see.
-pub(super) fn sample(source: &mut Source<'_>) -> Result<Samples, Error> {
-    let lattice = source.lattice;
+/// How often the stride of the first level is halved.
+fn levels(lattice: &Lattice) -> u32 {
     let longest = lattice.grid.points.into_iter().fold(2, usize::max);
-    let levels = ((longest - 1) / COARSE_CELLS).max(1).ilog2();
-    let mut samples = Samples::none(&lattice);
-    let mut blocks = all_blocks(&lattice, 1 << levels);
+    ((longest - 1) / COARSE_CELLS).max(1).ilog2()
+}
+
+/// The blocks of the first level, which fill the grid.
+pub(super) fn first_blocks(lattice: &Lattice) -> Vec<Block> {
+    all_blocks(lattice, 1 << levels(lattice))
+}
+
+/// The lowest and the highest point of a block of the first level.
+pub(super) fn corners_of_first(lattice: &Lattice, block: &Block) -> [Vec3; 2] {
+    let stride = 1 << levels(lattice);
+    [0, 2].map(|corner| {
+        lattice.position(std::array::from_fn(|axis| {
+            let number = 2 * usize::from(block.at[axis]) + corner;
+            plane(lattice, axis, number, stride)
+        }))
+    })
+}
+
+/// Samples all points around the surface that the levels see in these blocks of the first level, and adds those that were
+/// not known to `fresh`. What is asked in a block depends on the field in it alone.
+pub(super) fn sample(
+    samples: &mut Samples,
+    mut blocks: Vec<Block>,
+    source: &mut Source<'_>,
+    mut fresh: Option<&mut Bits>,
+) -> Result<(), Error> {
+    let lattice = source.lattice;
+    let levels = levels(&lattice);
     let mut wanted = Bits::new(lattice.len());
     for level in (0..=levels).rev() {
         let stride = 1 << level;
         wanted.clear();
         for block in &blocks {
             let points = block_points(&lattice, block.at, stride);
-            let near = block.near_zeros(&samples, &points);
+            let near = block.near_zeros(samples, &points);
             let points = points.into_iter().flatten().flatten().enumerate();
             for (_, at) in points.filter(|(i, _)| near >> i & 1 == 1) {
                 wanted.insert(at);
@@ -51,18 +77,19 @@ pub(super) fn sample(source: &mut Source<'_>) -> Result<Samples, Error> {
         // The points of a level are about four times those of the level before.
         let end = PROGRESS / f64::from(1 << (2 * level));
         samples.require(&mut wanted, source, end / 4.0..end)?;
+        if let Some(fresh) = &mut fresh {
+            fresh.insert_all(&wanted);
+        }
         if level > 0 {
-            blocks = refine(&samples, &lattice, &blocks, stride);
+            blocks = refine(samples, &lattice, &blocks, stride);
         }
     }
-    wanted.clone_from(samples.known());
-    follow(&mut samples, wanted, source)?;
-    Ok(samples)
+    Ok(())
 }
 
 /// A block of two cells of a level along each axis: what one cell of the level before becomes.
-#[derive(Clone, Copy)]
-struct Block {
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Block {
     /// Its number along each axis.
     at: [u16; 3],
     /// How much the field is seen to bend around it, see [`bend`]; infinite where that does not tell where its zeros are,
@@ -251,9 +278,9 @@ fn differ_in_sign(corners: &[f64; 8]) -> bool {
     (1..8).contains(&inside)
 }
 
-/// Completes the cells around every edge at a `fresh` point that the surface crosses, until no new
-/// crossing appears.
-fn follow(samples: &mut Samples, mut fresh: Bits, source: &mut Source<'_>) -> Result<(), Error> {
+/// Completes the cells around every edge that the surface crosses, until no new crossing appears.
+pub(super) fn follow(samples: &mut Samples, source: &mut Source<'_>) -> Result<(), Error> {
+    let mut fresh = samples.known().clone();
     let lattice = source.lattice;
     let mut wanted = Bits::new(lattice.len());
     loop {

@@ -1,5 +1,6 @@
 //! Extraction of the zero set on fields that are known exactly.
 
+mod begun;
 mod closed;
 mod fields;
 mod simplify;
