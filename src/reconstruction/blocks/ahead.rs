@@ -21,7 +21,7 @@ pub(super) struct Ahead<'a, T> {
     begun: Begun,
     /// What is extracted; without a window.
     outline: Request<'static>,
-    /// The blocks that each of its cells waits for, ascending.
+    /// The blocks that each of its parts waits for, ascending.
     awaited: Vec<Vec<u32>>,
     blocks: &'a [Block],
     /// Evaluates their networks.
@@ -31,9 +31,9 @@ pub(super) struct Ahead<'a, T> {
     seen: usize,
 }
 
-/// Cells that can be sampled, and the blocks around them with the parameters of their networks.
+/// Parts of the surface that can be made, and the blocks around them with the parameters of their networks.
 pub(super) struct Ready<T> {
-    cells: Vec<usize>,
+    parts: Vec<usize>,
     networks: Vec<(Block, Vec<T>)>,
 }
 
@@ -49,9 +49,9 @@ impl<'a, T: Scalar> Ahead<'a, T> {
         coarse: Coarse<'a>,
     ) -> Result<Self, Error> {
         let begun = Begun::new(&outline)?;
-        let awaited = begun.cells(&outline).into_iter().map(|cell| {
+        let awaited = begun.parts(&outline).into_iter().map(|part| {
             let mut awaited = Vec::new();
-            lookup.meeting(&cell, |k| awaited.push(k as u32));
+            lookup.meeting(&part, |k| awaited.push(k as u32));
             awaited.sort_unstable();
             awaited
         });
@@ -75,11 +75,11 @@ impl<'a, T: Scalar> Ahead<'a, T> {
         }
         self.seen = board.fitted;
         let is_fitted = |k: &u32| board.done[*k as usize].is_some();
-        let cells = (0..self.awaited.len()).filter(|&cell| {
-            !self.begun.is_sampled(cell) && self.awaited[cell].iter().all(is_fitted)
+        let parts = (0..self.awaited.len()).filter(|&part| {
+            !self.begun.is_sampled(part) && self.awaited[part].iter().all(is_fitted)
         });
-        let cells: Vec<usize> = cells.collect();
-        let around = cells.iter().flat_map(|&cell| &self.awaited[cell]);
+        let parts: Vec<usize> = parts.collect();
+        let around = parts.iter().flat_map(|&part| &self.awaited[part]);
         let mut around: Vec<usize> = around.map(|k| *k as usize).collect();
         around.sort_unstable();
         around.dedup();
@@ -88,7 +88,7 @@ impl<'a, T: Scalar> Ahead<'a, T> {
             Some((self.blocks[k], fitted.parameters.clone()))
         });
         let networks = networks.collect();
-        (!cells.is_empty()).then_some(Ready { cells, networks })
+        (!parts.is_empty()).then_some(Ready { parts, networks })
     }
 
     /// Samples what is ready; `attend` is called often, and so is `stopped`, which tells whether to end.
@@ -101,17 +101,20 @@ impl<'a, T: Scalar> Ahead<'a, T> {
         stopped: &dyn Fn() -> bool,
         attend: &dyn Fn(),
     ) -> Result<(), Error> {
-        let parts = ready.networks.iter().map(|(block, parameters)| {
+        let networks = ready.networks.iter().map(|(block, parameters)| {
             let field = self.engine.field(parameters)?;
             Ok((*block, field))
         });
-        let field = BlockField::new(self.coarse.borrowed(), parts.collect::<Result<_, Error>>()?);
+        let field = BlockField::new(
+            self.coarse.borrowed(),
+            networks.collect::<Result<_, Error>>()?,
+        );
         let request = Request {
             cancelled: stopped,
             progress: &|_| attend(),
             ..self.outline
         };
-        self.begun.go_on(&ready.cells, &field, &request)
+        self.begun.go_on(&ready.parts, &field, &request)
     }
 
     /// The surface, to be finished.
@@ -207,22 +210,22 @@ mod tests {
         let nothing: Samples = [([0.0; 3], 0.0)].into_iter().collect();
         let engine = sequential_engine::<f32>(Choice::Auto, &architecture, &nothing).unwrap();
         let mut ahead = Ahead::new(outline, (&blocks, &lookup), engine.as_ref(), below()).unwrap();
-        let cells = ahead.begun.cells(&outline);
+        let parts = ahead.begun.parts(&outline);
 
         let board = Mutex::new(Board::new(vec![Some(fitted(&architecture, 1)), None]));
         assert!(ahead.ready(&board).is_none());
         lock(&board).is_helped = true;
         let ready = ahead.ready(&board).unwrap();
-        let without_the_other = |cell: &usize| !blocks[1].reach.meets(&cells[*cell]);
-        let expected: Vec<usize> = (0..cells.len()).filter(without_the_other).collect();
-        assert_eq!(ready.cells, expected);
+        let without_the_other = |part: &usize| !blocks[1].reach.meets(&parts[*part]);
+        let expected: Vec<usize> = (0..parts.len()).filter(without_the_other).collect();
+        assert_eq!(ready.parts, expected);
         assert_eq!(ready.networks.len(), 1);
         ahead.go_on(&ready, &|| false, &|| ()).unwrap();
         assert!(ahead.ready(&board).is_none());
 
         lock(&board).put(1, fitted(&architecture, 2));
         let ready = ahead.ready(&board).unwrap();
-        assert_eq!(ready.cells.len(), cells.len() - expected.len());
+        assert_eq!(ready.parts.len(), parts.len() - expected.len());
         ahead.go_on(&ready, &|| false, &|| ()).unwrap();
 
         let parts = (1..).zip(blocks).map(|(seed, block)| {

@@ -1,8 +1,8 @@
 //! An extraction that begins before all of a field is known.
 //!
-//! What is asked of the field in a cell of the first level depends on the field there alone. So a cell can be sampled, and
-//! its vertices can be moved onto the zero set, as soon as the field is known in and around it. Whichever cells come
-//! first, and whether any do, the mesh is the same.
+//! What is asked of the field in a block of the first level depends on the field there alone. So such a part of the grid
+//! can be sampled, and its vertices can be moved onto the zero set, as soon as the field is known in and around it.
+//! Whichever parts come first, and whether any do, the mesh is the same.
 
 use super::bits::Bits;
 use super::grid::{Grid, Lattice};
@@ -19,14 +19,14 @@ use crate::reconstruction::vector::{Bounds, Vec3};
 /// How far an extraction has come.
 pub struct Begun {
     lattice: Lattice,
-    cells: Vec<Cell>,
+    parts: Vec<Part>,
     samples: Samples,
     seen: Seen,
     moved: Vec<Moved<Edge>>,
 }
 
-/// A cell of the first level.
-struct Cell {
+/// A part of the grid: a block of the first level.
+struct Part {
     block: Block,
     is_sampled: bool,
 }
@@ -60,50 +60,50 @@ impl Begun {
             Evaluation::Sparse => sparse::first_blocks(&lattice),
             Evaluation::Dense => Vec::new(),
         };
-        let cells = blocks.into_iter().map(|block| Cell {
+        let parts = blocks.into_iter().map(|block| Part {
             block,
             is_sampled: false,
         });
         Ok(Self {
             lattice,
-            cells: cells.collect(),
+            parts: parts.collect(),
             samples: Samples::none(&lattice),
             seen: Seen::default(),
             moved: Vec::new(),
         })
     }
 
-    /// Where the field is asked for each cell.
-    pub fn cells(&self, request: &Request<'_>) -> Vec<Bounds> {
-        // A vertex may be on an edge that is beside the cell and has an end in it, and a step takes it up to half of an
+    /// Where the field is asked for each part.
+    pub fn parts(&self, request: &Request<'_>) -> Vec<Bounds> {
+        // A vertex may be on an edge that is beside the part and has an end in it, and a step takes it up to half of an
         // edge further.
         let margin = 1.0 + LONGEST_STEP * request.projection_steps as f64;
-        let cells = self.cells.iter().map(|cell| {
-            let [min, max] = sparse::corners_of_first(&self.lattice, &cell.block);
+        let parts = self.parts.iter().map(|part| {
+            let [min, max] = sparse::corners_of_first(&self.lattice, &part.block);
             Bounds { min, max }.padded(margin * self.lattice.grid.spacing)
         });
-        cells.collect()
+        parts.collect()
     }
 
-    /// Whether a cell was sampled.
-    pub fn is_sampled(&self, cell: usize) -> bool {
-        self.cells[cell].is_sampled
+    /// Whether a part was sampled.
+    pub fn is_sampled(&self, part: usize) -> bool {
+        self.parts[part].is_sampled
     }
 
-    /// Samples these cells, and moves the vertices that they have. `field` may be any beyond [what these ask](Self::cells).
+    /// Samples these parts, and moves the vertices that they have. `field` may be any beyond [what these ask](Self::parts).
     ///
     /// # Errors
     /// As for [`extract`](super::extract).
     pub fn go_on(
         &mut self,
-        cells: &[usize],
+        parts: &[usize],
         field: &dyn Field,
         request: &Request<'_>,
     ) -> Result<(), Error> {
-        for &cell in cells {
-            self.cells[cell].is_sampled = true;
+        for &part in parts {
+            self.parts[part].is_sampled = true;
         }
-        let blocks = cells.iter().map(|&cell| self.cells[cell].block).collect();
+        let blocks = parts.iter().map(|&part| self.parts[part].block).collect();
         let mut fresh = Bits::new(self.lattice.len());
         let mut source = self.source(field, request);
         sparse::sample(&mut self.samples, blocks, &mut source, Some(&mut fresh))?;
@@ -176,8 +176,8 @@ impl Begun {
         let mut source = self.source(field, request);
         match request.evaluation {
             Evaluation::Sparse => {
-                let open = self.cells.iter().filter(|cell| !cell.is_sampled);
-                let open = open.map(|cell| cell.block).collect();
+                let open = self.parts.iter().filter(|part| !part.is_sampled);
+                let open = open.map(|part| part.block).collect();
                 sparse::sample(&mut self.samples, open, &mut source, None)?;
                 sparse::follow(&mut self.samples, &mut source)?;
             }

@@ -46,14 +46,14 @@ impl Field for Known<'_> {
     }
 }
 
-/// The numbers below `count` in some parts and some order, the last of them left out.
-fn parts(count: usize, parts: usize, random: &mut Generator) -> Vec<Vec<usize>> {
-    let mut of_part = vec![Vec::new(); parts + 1];
+/// The numbers below `count` in some groups, one of which is left out.
+fn shuffled(count: usize, groups: usize, random: &mut Generator) -> Vec<Vec<usize>> {
+    let mut of_group = vec![Vec::new(); groups + 1];
     for number in 0..count {
-        of_part[random.random_range(0..=parts)].push(number);
+        of_group[random.random_range(0..=groups)].push(number);
     }
-    of_part.pop();
-    of_part
+    of_group.pop();
+    of_group
 }
 
 #[test]
@@ -79,18 +79,18 @@ fn whatever_comes_first_the_extraction_is_the_same() {
                 ..request(resolution, 2)
             };
             let mut begun = Begun::new(&request).unwrap();
-            let boxes = begun.cells(&request);
-            for cells in parts(boxes.len(), count, &mut random) {
+            let boxes = begun.parts(&request);
+            for parts in shuffled(boxes.len(), count, &mut random) {
                 let known = Known {
                     field,
-                    boxes: cells.iter().map(|&cell| boxes[cell]).collect(),
+                    boxes: parts.iter().map(|&part| boxes[part]).collect(),
                     asked: Mutex::new(0),
                 };
-                begun.go_on(&cells, &known, &request).unwrap();
-                assert!(cells.iter().all(|&cell| begun.is_sampled(cell)));
+                begun.go_on(&parts, &known, &request).unwrap();
+                assert!(parts.iter().all(|&part| begun.is_sampled(part)));
                 assert!(*known.asked.lock().unwrap() > 0 && told.take() > 0);
             }
-            assert!((0..boxes.len()).any(|cell| !begun.is_sampled(cell)));
+            assert!((0..boxes.len()).any(|part| !begun.is_sampled(part)));
             assert_eq!(begun.finish(field, &request).unwrap(), whole);
         }
     }
@@ -101,8 +101,8 @@ fn what_was_begun_is_not_asked_for_again() {
     let field = sphere(0.7);
     let request = request(135, 2);
     let mut begun = Begun::new(&request).unwrap();
-    let cells: Vec<usize> = (0..begun.cells(&request).len()).collect();
-    begun.go_on(&cells, &field, &request).unwrap();
+    let parts: Vec<usize> = (0..begun.parts(&request).len()).collect();
+    begun.go_on(&parts, &field, &request).unwrap();
     let nowhere = Known {
         field: &field,
         boxes: Vec::new(),
@@ -115,15 +115,15 @@ fn what_was_begun_is_not_asked_for_again() {
 #[test]
 fn a_part_that_cannot_be_begun_says_why() {
     let request = request(70, 2);
-    let cells = |begun: &Begun| (0..begun.cells(&request).len()).collect::<Vec<_>>();
+    let parts = |begun: &Begun| (0..begun.parts(&request).len()).collect::<Vec<_>>();
     let mut begun = Begun::new(&request).unwrap();
-    let nan = begun.go_on(&cells(&begun), &analytic(|_| f64::NAN), &request);
+    let nan = begun.go_on(&parts(&begun), &analytic(|_| f64::NAN), &request);
     assert!(matches!(nan, Err(Error::NoSurface(_))), "{nan:?}");
     let stopped = Request {
         cancelled: &|| true,
         ..request
     };
     let mut begun = Begun::new(&request).unwrap();
-    let stopped = begun.go_on(&cells(&begun), &sphere(0.7), &stopped);
+    let stopped = begun.go_on(&parts(&begun), &sphere(0.7), &stopped);
     assert!(matches!(stopped, Err(Error::Cancelled)), "{stopped:?}");
 }
