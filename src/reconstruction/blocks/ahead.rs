@@ -21,7 +21,7 @@ pub(super) struct Ahead<'a, T> {
     begun: Begun,
     /// What is extracted; without a window.
     outline: Request<'static>,
-    /// The blocks that each of its parts waits for, ascending.
+    /// The blocks that each of its parts waits for.
     awaited: Vec<Vec<u32>>,
     blocks: &'a [Block],
     /// Evaluates their networks.
@@ -49,14 +49,8 @@ impl<'a, T: Scalar> Ahead<'a, T> {
         coarse: Coarse<'a>,
     ) -> Result<Self, Error> {
         let begun = Begun::new(&outline)?;
-        let awaited = begun.parts(&outline).into_iter().map(|part| {
-            let mut awaited = Vec::new();
-            lookup.meeting(&part, |k| awaited.push(k as u32));
-            awaited.sort_unstable();
-            awaited
-        });
         Ok(Self {
-            awaited: awaited.collect(),
+            awaited: lookup.meeting_each(&begun.parts(&outline)),
             begun,
             outline,
             blocks,
@@ -101,14 +95,9 @@ impl<'a, T: Scalar> Ahead<'a, T> {
         stopped: &dyn Fn() -> bool,
         attend: &dyn Fn(),
     ) -> Result<(), Error> {
-        let networks = ready.networks.iter().map(|(block, parameters)| {
-            let field = self.engine.field(parameters)?;
-            Ok((*block, field))
-        });
-        let field = BlockField::new(
-            self.coarse.borrowed(),
-            networks.collect::<Result<_, Error>>()?,
-        );
+        let networks = ready.networks.iter();
+        let networks = networks.map(|(block, parameters)| (*block, &parameters[..]));
+        let field = BlockField::of_networks(self.coarse.borrowed(), self.engine, networks)?;
         let request = Request {
             cancelled: stopped,
             progress: &|_| attend(),
@@ -130,37 +119,14 @@ mod tests {
     use crate::reconstruction::network::{Architecture, initial_parameters, sequential_engine};
     use crate::reconstruction::sampling::{Frame, Samples};
     use crate::reconstruction::settings::{CoarseInput, Engine as Choice, Preset};
-    use crate::reconstruction::surface::{Field, extract};
+    use crate::reconstruction::shapes::Shape;
+    use crate::reconstruction::surface::extract;
     use crate::reconstruction::training::Termination;
-    use crate::reconstruction::vector::{Bounds, Vec3, norm};
-
-    struct Ball;
-
-    impl Field for Ball {
-        fn values(&self, points: &[Vec3], values: &mut [f64]) -> Result<(), Error> {
-            for (value, p) in values.iter_mut().zip(points) {
-                *value = 1.0 - norm(*p);
-            }
-            Ok(())
-        }
-
-        fn values_and_gradients(
-            &self,
-            points: &[Vec3],
-            values: &mut [f64],
-            gradients: &mut [Vec3],
-        ) -> Result<(), Error> {
-            self.values(points, values)?;
-            for (gradient, p) in gradients.iter_mut().zip(points) {
-                *gradient = p.map(|c| -c / norm(*p));
-            }
-            Ok(())
-        }
-    }
+    use crate::reconstruction::vector::Bounds;
 
     fn below<'a>() -> Coarse<'a> {
         Coarse {
-            field: Box::new(Ball),
+            field: Box::new(Shape::Sphere { radius: 1.0 }),
             band: 0.5,
             input: CoarseInput::Residual,
         }

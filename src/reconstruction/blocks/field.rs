@@ -10,6 +10,7 @@ use super::block::{Block, rest};
 use super::lookup::Lookup;
 use crate::reconstruction::error::Error;
 use crate::reconstruction::nearby::Walk;
+use crate::reconstruction::network::{Engine, Scalar};
 use crate::reconstruction::sampling::selection::pick;
 use crate::reconstruction::settings::CoarseInput;
 use crate::reconstruction::surface::Field;
@@ -78,6 +79,19 @@ impl<'a> BlockField<'a> {
             lookup: Lookup::new(parts.iter().map(|(block, _)| block.reach).collect()),
             parts,
         }
+    }
+
+    /// The same, of the parameters of the networks.
+    ///
+    /// # Errors
+    /// What the engine reports.
+    pub(super) fn of_networks<'p, T: Scalar>(
+        coarse: Coarse<'a>,
+        engine: &'a dyn Engine<T>,
+        networks: impl Iterator<Item = (Block, &'p [T])>,
+    ) -> Result<Self, Error> {
+        let parts = networks.map(|(block, parameters)| Ok((block, engine.field(parameters)?)));
+        Ok(Self::new(coarse, parts.collect::<Result<_, Error>>()?))
     }
 
     /// Sums of the blocks at each of `points`.

@@ -1,5 +1,7 @@
 //! Which of many overlapping boxes hold a place.
 
+use rayon::prelude::*;
+
 use crate::reconstruction::sampling::neighbours::median;
 use crate::reconstruction::vector::{Bounds, Vec3};
 
@@ -120,6 +122,16 @@ impl Lookup {
             |bounds| bounds.meets(other),
             |place| found(self.order[place] as usize),
         );
+    }
+
+    /// The indices of the boxes that meet each of `others`, in a fixed order; on all threads.
+    pub(super) fn meeting_each(&self, others: &[Bounds]) -> Vec<Vec<u32>> {
+        let meeting = |other| {
+            let mut found = Vec::new();
+            self.meeting(other, |k| found.push(k as u32));
+            found
+        };
+        others.par_iter().map(meeting).collect()
     }
 
     /// Calls `found` with the place of each box that `is_wanted`, as all around it are.

@@ -227,19 +227,14 @@ impl<T: Scalar> Refined<T> {
         &'a self,
         coarse: Box<dyn Field + 'a>,
     ) -> Result<BlockField<'a>, Error> {
-        let parts = self.blocks.iter().zip(&self.fitted).map(|(block, fitted)| {
-            let field = self.engine.field(&fitted.parameters)?;
-            Ok((*block, field))
-        });
-        let parts = parts.collect::<Result<Vec<_>, Error>>()?;
-        Ok(BlockField::new(
-            Coarse {
-                field: coarse,
-                band: self.coarse_band,
-                input: self.coarse_input,
-            },
-            parts,
-        ))
+        let coarse = Coarse {
+            field: coarse,
+            band: self.coarse_band,
+            input: self.coarse_input,
+        };
+        let networks = self.blocks.iter().zip(&self.fitted);
+        let networks = networks.map(|(block, fitted)| (*block, &fitted.parameters[..]));
+        BlockField::of_networks(coarse, self.engine.as_ref(), networks)
     }
 
     /// Their surface, if it was begun; once.

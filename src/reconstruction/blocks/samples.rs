@@ -109,7 +109,8 @@ impl<'a> Places<'a> {
             threads: Threads::Caller,
         };
         let points = pick(&surface.points, fitted);
-        let lookup = Lookup::new(blocks.iter().map(|block| block.reach).collect());
+        let reaches: Vec<Bounds> = blocks.iter().map(|block| block.reach).collect();
+        let lookup = Lookup::new(reaches.clone());
         let points_of = members(&lookup, blocks.len(), &points);
         let mut parts: Vec<Part> = blocks.iter().map(|_| Part::default()).collect();
         let owners = owners(&points_of, points.len());
@@ -138,7 +139,7 @@ impl<'a> Places<'a> {
         let around = parts.iter().zip(blocks);
         let around = around.map(|(part, block)| part.bounds(block, (surface, fitted)));
         Self {
-            parts_of: meeting(&Lookup::new(around.collect()), blocks),
+            parts_of: Lookup::new(around.collect()).meeting_each(&reaches),
             sampler,
             fitted,
             points_of,
@@ -284,16 +285,6 @@ fn owners(points_of: &[Vec<u32>], points: usize) -> Vec<u32> {
         }
     }
     owners
-}
-
-/// Those of the boxes that meet the reach of each of `blocks`.
-fn meeting(boxes: &Lookup, blocks: &[Block]) -> Vec<Vec<u32>> {
-    let meeting = |block: &Block| {
-        let mut found = Vec::new();
-        boxes.meeting(&block.reach, |part| found.push(part as u32));
-        found
-    };
-    blocks.par_iter().map(meeting).collect()
 }
 
 /// A coarse field as lengths in the frame of the run.

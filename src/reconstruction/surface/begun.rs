@@ -113,7 +113,7 @@ impl Begun {
         let mover = self.mover(field, request);
         for edges in edges.chunks(BATCH) {
             let from = edges.iter().map(|&edge| self.vertex(edge)).collect();
-            let moved = mover.moved(edges.to_vec(), from, std::iter::empty())?;
+            let moved = mover.moved(edges.to_vec(), from, &[])?;
             self.moved.push(moved);
             (request.progress)(PROGRESS);
         }
@@ -165,7 +165,8 @@ impl Begun {
     /// Where marching cubes have the vertex of an edge that is crossed.
     fn vertex(&self, edge: Edge) -> Vec3 {
         let ends = self.ends(edge).expect("both ends are known");
-        vertex_at(&self.lattice, (edge.lower(), edge.axis()), ends)
+        let at = self.lattice.coordinates(edge.lower());
+        vertex_at(&self.lattice, (at, edge.axis()), ends)
     }
 
     /// Does what is left of the extraction, now that all of the field is known.

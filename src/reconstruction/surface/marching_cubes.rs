@@ -113,7 +113,7 @@ impl Crossings {
             if lattice.is_frame(axis, at[axis]) || lattice.is_frame(axis, at[axis] + 1) {
                 self.caps.push(self.vertices.len() as u32);
             }
-            let vertex = vertex_at(lattice, (index, axis), [value, other]);
+            let vertex = vertex_at(lattice, (at, axis), [value, other]);
             self.vertices.push(vertex);
         }
         self.axes.push(axes);
@@ -123,11 +123,11 @@ impl Crossings {
 /// The vertex on the edge from a point upwards along an axis, given the field at its ends.
 pub(super) fn vertex_at(
     lattice: &Lattice,
-    (index, axis): (usize, usize),
+    (at, axis): ([usize; 3], usize),
     [value, other]: [f64; 2],
 ) -> Vec3 {
     let share = (value / (value - other)).clamp(MARGIN, 1.0 - MARGIN);
-    let mut vertex = lattice.position(lattice.coordinates(index));
+    let mut vertex = lattice.position(at);
     vertex[axis] += share * lattice.grid.spacing;
     vertex
 }

@@ -76,10 +76,10 @@ impl Mover<'_> {
         &self,
         names: Vec<Name>,
         from: Vec<Vec3>,
-        staying: impl Iterator<Item = usize>,
+        staying: &[usize],
     ) -> Result<Moved<Name>, Error> {
         let mut longest = vec![LONGEST_STEP * self.spacing; from.len()];
-        for v in staying {
+        for &v in staying {
             longest[v] = 0.0;
         }
         let mut evaluations = from.len();
@@ -133,7 +133,7 @@ impl Mover<'_> {
             let caps = (0..).zip(&batch);
             let caps = caps.filter(|(_, v)| contour.caps.binary_search(v).is_ok());
             let staying: Vec<usize> = caps.map(|(place, _)| place).collect();
-            all.take(self.moved(batch, from, staying.into_iter())?);
+            all.take(self.moved(batch, from, &staying)?);
             let done = next as f64 / count as f64;
             (self.request.progress)(PROGRESS + (1.0 - PROGRESS) * done);
         }

@@ -169,18 +169,18 @@ fn pieces(vertices: &[Vec3], [a, b, c]: [u32; 3], middles: [Option<u32>; 3]) -> 
 mod tests {
     use super::*;
     use crate::reconstruction::mesh::{Topology, TriangleMesh};
+    use crate::reconstruction::shapes::Shape;
     use crate::reconstruction::surface::extract;
     use crate::reconstruction::vector::{Bounds, norm};
 
-    /// A ball with fine detail on one side.
+    const BALL: Shape = Shape::Sphere { radius: 1.0 };
+
+    /// It, with fine detail on one side.
     struct Ball;
 
     impl Field for Ball {
         fn values(&self, points: &[Vec3], values: &mut [f64]) -> Result<(), Error> {
-            for (value, p) in values.iter_mut().zip(points) {
-                *value = 1.0 - norm(*p);
-            }
-            Ok(())
+            BALL.values(points, values)
         }
 
         fn values_and_gradients(
@@ -189,11 +189,7 @@ mod tests {
             values: &mut [f64],
             gradients: &mut [Vec3],
         ) -> Result<(), Error> {
-            self.values(points, values)?;
-            for (gradient, p) in gradients.iter_mut().zip(points) {
-                *gradient = p.map(|c| -c / norm(*p));
-            }
-            Ok(())
+            BALL.values_and_gradients(points, values, gradients)
         }
 
         fn detail(&self, points: &[Vec3], lengths: &mut [f64]) {
